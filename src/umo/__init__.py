@@ -106,7 +106,7 @@ def __dir__() -> list[str]:
 def load(
     path: Path | str, only: Sequence[str] = (), start: float | None = None, stop: float | None = None
 ) -> xarray.Dataset:
-    """A recording (`umo run --record`) as an xarray Dataset: a variable for each object and signal along `time`.
+    """Return a recording (`umo run --record`) as an xarray Dataset: a variable for each object and signal along `time`.
 
     `only`: paths or patterns, all without; `start`, `stop`: s on the machine's clock, `stop` excluded. The coordinates
     are `time`, s on the machine's clock, and `utc`. Units, ranges and states are attributes; `PATH.quality` is the

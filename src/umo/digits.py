@@ -37,8 +37,8 @@ rounded up or down."""
 
 @lru_cache(maxsize=4096)
 def digits_of(resolution: float, zero_offset: float = 0.0) -> int:
-    """Number of digits after the point, up to 99, that distinguish the values of two adjacent raw integers, so that a
-    text stands for one raw integer. `zero_offset`: the value of raw 0."""
+    """Return the number of digits after the point, up to 99, that distinguish the values of two adjacent raw integers,
+    so that a text stands for one raw integer. `zero_offset`: the value of raw 0."""
     step = abs(resolution)
     digits = min(max(0, floor(-log10(step))), MAX_DIGITS)
     while digits < MAX_DIGITS and not _tells_apart(10.0**-digits, step, zero_offset):
@@ -73,7 +73,7 @@ def number_text(value: float, digits: int | None = None) -> str:
 
 
 def scale_texts(levels: Sequence[float]) -> list[str]:
-    """The numbers beside a scale, evenly spaced: six significant digits, or as many as the step has."""
+    """Return the numbers beside a scale, evenly spaced: six significant digits, or as many as the step has."""
     step = float(f"{abs(levels[1] - levels[0]):.6g}") if len(levels) > 1 else inf
     few = all(abs(level) < FEW_STEPS * step for level in levels)
     digits = None if few else next(each for each in range(MAX_DIGITS + 1) if round(step, each) == step)
@@ -81,7 +81,7 @@ def scale_texts(levels: Sequence[float]) -> list[str]:
 
 
 def setting_text(value: float) -> str:
-    """The text of a setting, with all digits that a float reliably has; for an integer, with all its digits."""
+    """Return the text of a setting, with all digits that a float reliably has; for an integer, with all its digits."""
     return f"{value:.{SURE_DIGITS}g}" if isinstance(value, float) else str(value)
 
 
@@ -89,8 +89,9 @@ _WITH_POINT = re.compile(r"(?<![\w.])-?(\d+\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
 
 def with_short_numbers(text: str) -> str:
-    """A text in which a number has more digits than a float surely has (0.30000000000000004), such as a result in JSON,
-    with the digits that are shown for a single number (0.3). For human readers; programs use the text as it is."""
+    """Return a text in which a number has more digits than a float surely has (0.30000000000000004), such as a result
+    in JSON, with the digits that are shown for a single number (0.3). For human readers; programs use the text as it
+    is."""
     return _WITH_POINT.sub(lambda found: number_text(float(found[0])) if _is_long(found[1]) else found[0], text)
 
 

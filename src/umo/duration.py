@@ -28,7 +28,7 @@ _SECONDS = {
 
 
 def seconds(duration: str | float) -> float:
-    """A duration in s; finite and not negative. Raises DeclarationError for anything else."""
+    """Return a duration in s; finite and not negative. Raises DeclarationError for anything else."""
     try:
         if isinstance(duration, bool):
             raise TypeError

@@ -36,8 +36,9 @@ def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, insp
 
 @cache
 def hints_of(cls: Any) -> dict[str, Any]:
-    """The annotated type of each attribute of a class and of its bases, with the additions of `Annotated`; a text if it
-    cannot be evaluated (a class declared inside a function, a type that is imported for type checkers only)."""
+    """Return the annotated type of each attribute of a class and of its bases, with the additions of `Annotated`; a
+    text if it cannot be evaluated (a class declared inside a function, a type that is imported for type checkers
+    only)."""
     hints: dict[str, Any] = {}
     for base in reversed(cls.__mro__):
         names = vars(sys.modules.get(base.__module__, object))
@@ -76,7 +77,7 @@ def item_of(kind: Any) -> Any:
 
 
 def choices_of(kind: Any) -> list[Any]:
-    """The values of a Literal or an Enum; empty for any other type."""
+    """Return the values of a Literal or an Enum; empty for any other type."""
     if get_origin(kind) is Literal:
         return list(get_args(kind))
     if isinstance(kind, type) and issubclass(kind, Enum):
@@ -85,15 +86,15 @@ def choices_of(kind: Any) -> list[Any]:
 
 
 def is_plain(kind: Any) -> bool:
-    """True if values of this type can be given as text."""
+    """Return True if values of this type can be given as text."""
     item = item_of(kind)
     choices = choices_of(item)
     return item in (*JSON, Path) or (bool(choices) and all(isinstance(choice, int | float | str) for choice in choices))
 
 
 def is_converted(kind: Any) -> bool:
-    """True if values of this type are converted from JSON (an Enum, a Path, a tuple), or only some values are allowed
-    (a Literal)."""
+    """Return True if values of this type are converted from JSON (an Enum, a Path, a tuple), or only some values are
+    allowed (a Literal)."""
     return is_plain(kind) and without_none(kind) not in JSON
 
 

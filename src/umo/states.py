@@ -58,7 +58,8 @@ class TwoState(Enum):
 
 
 def is_plain(given: object) -> bool:
-    """True if a value is a number, a text or a state, to which no object, and no state of another type, is equal."""
+    """Return True if a value is a number, a text or a state, to which no object, and no state of another type, is
+    equal."""
     return isinstance(given, Enum | int | float | str | bytes | Number)
 
 

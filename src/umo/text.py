@@ -136,13 +136,13 @@ def shown_place(place: CodePlace | None) -> str:
 
 
 def is_users(file: str) -> bool:
-    """True if a file of code belongs to the user: not to umo, Python or an installed package."""
+    """Return True if a file of code belongs to the user: not to umo, Python or an installed package."""
     return not is_own(file) and not _is_installed(file)
 
 
 @lru_cache(maxsize=1000)
 def is_own(file: str) -> bool:
-    """True if a file of code belongs to umo or Python."""
+    """Return True if a file of code belongs to umo or Python."""
     if file.startswith((UMO, COMMAND)):
         return not file.startswith(STATIONS)
     return file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and not _is_installed(file))

@@ -34,7 +34,7 @@ class Raised(NamedTuple):
     """The text of the exception (`text_of`)."""
 
     def __str__(self) -> str:
-        """The text, with the type in any case, because a client raises the same error."""
+        """Return the text, with the type in any case, because a client raises the same error."""
         return f"{self.kind.__name__}: {self.text}" if issubclass(self.kind, UmoError) else self.text
 
 
@@ -139,8 +139,8 @@ def refuse_exit(error: BaseException, what: str) -> None:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """True if an exception is the user's Ctrl-C, or the effect of another signal from the user, and was not raised by
-    code."""
+    """Return True if an exception is the user's Ctrl-C, or the effect of another signal from the user, and was not
+    raised by code."""
     if isinstance(error, Interrupted):
         return True
     return (

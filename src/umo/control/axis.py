@@ -188,7 +188,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     @action(velocity=lambda axis: Range(_per_second()(axis), -axis.velocity, axis.velocity), release="halt")
     def jog(self, velocity: float) -> None:
         """Move at this velocity (units per s) until the next call; 0 means `halt`. A referenced axis stops at the end
-        of its range. Busy during another motion, RangeError for NaN and infinity."""
+        of its range. Raises Busy during another motion, RangeError for NaN and infinity."""
         if not isfinite(velocity):
             raise RangeError(f"{self._path}: {velocity} is not a velocity")
         if not velocity:
@@ -219,14 +219,14 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self.profile.at(copysign(self._speed(abs(velocity)), velocity))
 
     def time_to(self, position: float) -> float:
-        """The duration of a motion from standstill to a position at the largest speed, in s."""
+        """Return the duration of a motion from standstill to a position at the largest speed, in s."""
         self.check_target(position)
         ahead = replace(self.profile, velocity=self._speed(inf))
         ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED_WHEN_REFERENCED))
         return ahead.to(position)
 
     def enable(self) -> None:
-        """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted,
+        """Follow the setpoint, from where the axis stands. Raises BadInput if the encoder's quality is not accepted,
         EquipmentFault if the axis is in fault."""
         if self._state is _DISABLED:
             if self._machine.fault_of(self) is not None:  # no local name: the frame of an error must not refer to it
@@ -259,8 +259,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return AxisState.STOPPING if stops else self._state
 
     def shown_state(self) -> AxisState:
-        """The state shown to clients, computed by the axis itself; a `state` of a subclass is read only by the program.
-        An error, such as an invalid `profile`, gives ERROR_STOP."""
+        """Return the state shown to clients, computed by the axis itself; a `state` of a subclass is read only by the
+        program. An error, such as an invalid `profile`, gives ERROR_STOP."""
         try:  # not by `attempt`: a call for each in every period is too dear
             return self._seen_state()
         except BaseException as error:
@@ -268,7 +268,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             return AxisState.ERROR_STOP
 
     def describe_axis(self) -> Mapping[str, Any]:
-        """The axis as plain data: its states, the paths of its objects, its limits in units of the encoder and s."""
+        """Return the axis as plain data: its states, the paths of its objects, its limits in units of the encoder and
+        s."""
         path, encoder = self._path, self.encoder
         return {
             "path": path,
@@ -652,7 +653,7 @@ class LeftMotion:
                 axis._replan, axis._interrupted = self._replan, Interruption.WAITED
 
     def is_lost(self) -> bool:
-        """True if a sequence still awaits its motion, which ended because of a fault that has been cleared."""
+        """Return True if a sequence still awaits its motion, which ended because of a fault that has been cleared."""
         return self._motion is not None and self._motion.awaited and self._axis.cycle.fault is None
 
 

@@ -139,7 +139,7 @@ def _mean(values: list[float]) -> float:
 
 
 def room_for(base: Baseline, amplitude: float, low: float, high: float, both: bool) -> float:
-    """The largest amplitude of this sign that fits between the bounds, or, with `both`, on both sides of the old
+    """Return the largest amplitude of this sign that fits between the bounds, or, with `both`, on both sides of the old
     output."""
     up, down = high - base.output, base.output - low
     room = min(up, down) if both else up if amplitude > 0.0 else down

@@ -91,8 +91,8 @@ class LoopExperiments:
         Returns the old output and measurement, the noise, the time at which the excitation began and ended, and the
         share of it in which the inner law of a cascade was at its limit. Raises RangeError without room for the
         amplitude, or if the measurement leaves `within`. Raises CommandRefused if the law does not act, or if its
-        actuator is inhibited or written by somebody else; Busy during another experiment. Laws whose output is the
-        setpoint of this law hold it during the experiment.
+        actuator is inhibited or written by somebody else; raises Busy during another experiment. Laws whose output is
+        the setpoint of this law hold it during the experiment.
         """
         self._outer = self._loop.outer
         if any(each.is_taken for each in (self._loop, *self._outer)):

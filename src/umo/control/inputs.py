@@ -32,7 +32,7 @@ def value_of(sensor: Vector[Any], accept: Accept = (), *, where: BoolArray | Non
 def value_of(
     sensor: DigitalSensor | Vector[Any], accept: Accept = (), *, where: BoolArray | None = None
 ) -> float | FloatArray:
-    """The sensor's value in its units, or the values of a Vector, as its `read` gives them.
+    """Return the sensor's value in its units, or the values of a Vector, as its `read` gives them.
 
     BadInput if the quality is not accepted; for a Vector it names the first such object, and their number. Objects of a
     Vector for which the array `where` is False are not checked.
@@ -52,7 +52,7 @@ def value_of(
 
 
 def state_of(sensor: BinarySensor[S], accept: Accept = ()) -> S:
-    """Return the sensor's state. BadInput if its quality is not accepted."""
+    """Return the sensor's state. Raises BadInput if its quality is not accepted."""
     try:
         state = sensor.read()
     except AttributeError:

@@ -31,13 +31,13 @@ class ActuatorOutput:
 
     @property
     def inhibited(self) -> str | None:
-        """Return the reason why the actuator is inhibited, or None."""
+        """The reason why the actuator is inhibited, or None."""
         reason = self._actuator.inhibited
         return None if reason is None else f"{self.path} is inhibited: {reason}"
 
     @property
     def commanded(self) -> float:
-        """Return the last commanded value."""
+        """The last commanded value."""
         return float(self._actuator.pending)
 
     def write(self, value: float) -> None:
@@ -92,7 +92,7 @@ def output_of(part: Compound, law: Any, end: Any) -> LoopOutput | None:
 
 
 def outer_laws(part: Compound, law: Any) -> list[Any]:
-    """The laws of the machine whose output is the setpoint of this one, which belongs to this part."""
+    """Return the laws of the machine whose output is the setpoint of this one, which belongs to this part."""
     outer = (each for _, each in _laws_around(part) if getattr(each, "inner", None) is law)
     return list({id(each): each for each in outer}.values())
 

@@ -42,7 +42,7 @@ class ControlLoop(Protocol):
         """The loops whose output is the setpoint of this loop."""
 
     def bounds(self, low: float, high: float) -> tuple[float, float]:
-        """The range of the output, without the slew rate: `low` and `high` are the bounds in this period."""
+        """Return the range of the output, without the slew rate: `low` and `high` are the bounds in this period."""
 
     def take(self, next_: Next) -> None:
         """Take the output of each step from this function. The law's integral is held while it returns one."""

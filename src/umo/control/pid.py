@@ -71,12 +71,12 @@ class PID:
         return {"setpoint": Number(shown=True), "error": Number(shown=True), **_times()}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
-        """The loops of the law by the ends of their paths ("" for the law itself), with their sensors and actuators, if
-        it has any; an outer law has its inner law instead of an actuator."""
+        """Return the loops of the law by the ends of their paths ("" for the law itself), with their sensors and
+        actuators, if it has any; an outer law has its inner law instead of an actuator."""
         return {"": ()}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
-        """The experiments on one of its loops, as an object with actions (`umo.control.experiment`)."""
+        """Return the experiments on one of its loops, as an object with actions (`umo.control.experiment`)."""
         from umo.control.experiment import LoopExperiments
         from umo.control.loops import LawLoop
 
@@ -109,8 +109,9 @@ class PID:
         low: float = -inf,
         high: float = inf,
     ) -> float:
-        """The output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer) integral
-        and derivative do not contribute. Raises RangeError if a number is not finite; then the law is unchanged."""
+        """Return the output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer)
+        integral and derivative do not contribute. Raises RangeError if a number is not finite; then the law is
+        unchanged."""
         error = setpoint - measurement
         try:
             growth = self.gain * error * dt / self.integral_time
@@ -185,7 +186,7 @@ class VectorPID:
         return {"largest_error": Number(shown=True), **times}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
-        """The loops of the law, as in `PID.loops`, one for each calculated element."""
+        """Return the loops of the law, as in `PID.loops`, one for each calculated element."""
         return {str(number): () for number in range(self.error.size)}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
@@ -210,8 +211,8 @@ class VectorPID:
         low: float | FloatArray = -inf,
         high: float | FloatArray = inf,
     ) -> FloatArray:
-        """The outputs of one period of `dt` s, each from `low` to `high`. Raises RangeError if a number is not finite;
-        then the law is unchanged."""
+        """Return the outputs of one period of `dt` s, each from `low` to `high`. Raises RangeError if a number is not
+        finite; then the law is unchanged."""
         error = setpoint - measurement
         proportional = self.gain * error
         try:

@@ -70,7 +70,7 @@ class Command:
 
     @property
     def rank(self) -> Rank:
-        """Return the rank that has the actuator."""
+        """The rank that has the actuator."""
         if any(each.held for each in self.faults):
             return Rank.FAULT
         if any(each.reason is not None for each in self.interlocks):
@@ -79,11 +79,12 @@ class Command:
 
     @property
     def reason(self) -> str | None:
-        """Return the reason why the program may write no value except the default."""
+        """The reason why the program may write no value except the default."""
         return self.interlocked or (reason_of_client(self.client) if self.client else None)
 
     def admits(self, value: float, source: Source) -> bool:
-        """True if a value may be taken now; Raises Interlocked if an interlock with the effect "stop" inhibits it."""
+        """Return True if a value may be taken now; raises Interlocked if an interlock with the effect "stop" inhibits
+        it."""
         if self.client and source is not Source.CLIENT:
             return False
         if value == self.default:

@@ -31,7 +31,7 @@ class Conditioner:
 
     @property
     def reading(self) -> float | None:
-        """Return the value of the last reading, or None before the first one."""
+        """The value of the last reading, or None before the first one."""
         return None
 
     def conditioned(self, value: float, time: float, inside: bool) -> float:
@@ -43,7 +43,7 @@ class Conditioner:
         return value
 
     def value_of(self, value: float, time: float) -> float:
-        """The value of a reading within the range. A filter ignores a second reading at the same time."""
+        """Return the value of a reading within the range. A filter ignores a second reading at the same time."""
         return value
 
     def shift(self, distance: float) -> None:

@@ -129,7 +129,7 @@ class connect(Generic[C]):
             device_claim.hold.release()
 
     def driver(self, name: str) -> Any:
-        """The open driver with this name in the wiring, of the class that the wiring names."""
+        """Return the open driver with this name in the wiring, of the class that the wiring names."""
         return bare(self.wired.drivers[name])
 
     def __enter__(self) -> C:

@@ -12,7 +12,7 @@ from umo.text import cut_repr, place_among
 
 
 def frames_of(sequence: Any) -> list[FrameType]:
-    """The frames in which a sequence waits, the outermost first."""
+    """Return the frames in which a sequence waits, the outermost first."""
     frames: list[FrameType] = []
     while isinstance(sequence, CoroutineType):
         if sequence.cr_frame is not None:
@@ -22,7 +22,7 @@ def frames_of(sequence: Any) -> list[FrameType]:
 
 
 def place_of(sequence: Any) -> str:
-    """The place at which a sequence waits, in code that is not Python's own."""
+    """Return the place at which a sequence waits, in code that is not Python's own."""
     frames = frames_of(sequence)
     return place_among((each.f_code.co_filename, each.f_lineno, each.f_code.co_name) for each in frames)
 
@@ -49,7 +49,7 @@ def arguments_text(sequence: Any) -> str:
 
 
 def is_new(sequence: Any) -> bool:
-    """True if it is a sequence that has not begun."""
+    """Return True if it is a sequence that has not begun."""
     return inspect.iscoroutine(sequence) and inspect.getcoroutinestate(sequence) == inspect.CORO_CREATED
 
 

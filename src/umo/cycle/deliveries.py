@@ -44,7 +44,7 @@ class ImageOutputs(Slots):
         self.does_not_wait(slot)
 
     def is_at_default(self, slot: int) -> bool:
-        """True if the default of an actuator is pending."""
+        """Return True if the default of an actuator is pending."""
         return bool(self.pending[slot] == self._defaults[slot])
 
     def _give_default(self, slot: int) -> None:
@@ -110,8 +110,8 @@ class WithPeriod:
         """Note that the device did not accept the pending value."""
 
     def is_sent_again(self, slot: int) -> bool:
-        """True if an unconfirmed value is sent again in the next period, and has not failed yet. If it is not known
-        whether the device answers, it was not tried."""
+        """Return True if an unconfirmed value is sent again in the next period, and has not failed yet. If it is not
+        known whether the device answers, it was not tried."""
         image = self._image
         away, driver = image.transfer.callees.away, image.wires[slot].driver
         return self._is_within(slot, image.times[slot]) or away.is_unknown(driver)
@@ -122,7 +122,8 @@ class WithPeriod:
         return max_age is not None and bool(self._image.clock.now - since <= max_age)
 
     def survives(self, slot: int) -> bool:
-        """True if the actuator gets its pending value after its device was away and has been initialised again."""
+        """Return True if the actuator gets its pending value after its device was away and has been initialised
+        again."""
         return True
 
     def goes_on(self, slot: int) -> None:

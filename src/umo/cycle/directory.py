@@ -77,7 +77,7 @@ class Directory:
         return actions_of(self._root)
 
     def action_at(self, path: str) -> Action | None:
-        """An action by its path, also one on a loop. Raises PathError if it names no law."""
+        """Return an action by its path, also one on a loop. Raises PathError if it names no law."""
         return self.actions.get(path) or self.loops.action(path)
 
     @cached_property
@@ -87,16 +87,16 @@ class Directory:
 
     @cached_property
     def books(self) -> dict[str, Book]:
-        """Return the laws that offer recipes to clients, by path."""
+        """The laws that offer recipes to clients, by path."""
         return dict(self.having("choose", "next", "describe"))
 
     def having(self, *names: str) -> list[tuple[str, Any]]:
-        """The laws whose class has all of these methods, each with its path."""
+        """Return the laws whose class has all of these methods, each with its path."""
         found = ((path, law, type(law)) for _, path, law in self._laws)
         return [(path, law) for path, law, kind in found if all(callable(getattr(kind, each, None)) for each in names)]
 
 
 def axes_in(root: Compound) -> list[MotionAxis]:
-    """The axes of a machine, in the order of frames."""
+    """Return the axes of a machine, in the order of frames."""
     nodes: list[Any] = [root, *walk(root)]
     return [each for each in nodes if callable(getattr(each.__class__, "describe_axis", None))]

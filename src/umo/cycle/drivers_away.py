@@ -200,7 +200,7 @@ def _at_defaults(paths: Sequence[str]) -> str:
 
 
 def in_order(slots: Iterable[int], drivers: Sequence[Driver[Any]]) -> dict[int, list[int]]:
-    """The slots of each driver, by its id, in the order given; `drivers` are those of all slots."""
+    """Return the slots of each driver, by its id, in the order given; `drivers` are those of all slots."""
     found: dict[int, list[int]] = {}
     for slot in slots:
         found.setdefault(id(drivers[slot]), []).append(slot)

@@ -84,7 +84,7 @@ class Equipment:
 
     @property
     def fault(self) -> str | None:
-        """Return the reason of its fault, or None."""
+        """The reason of its fault, or None."""
         return self.reason() if self.in_fault else None
 
     def enter(self, reason: str | Callable[[], str]) -> None:
@@ -105,7 +105,7 @@ class Equipment:
 
 
 def equipment_in(root: Compound) -> list[Compound]:
-    """The compounds below the root that are declared equipment, the outer before the inner."""
+    """Return the compounds below the root that are declared equipment, the outer before the inner."""
     compounds = (node for node in walk(root) if isinstance(node, Compound))
     return [each for each in compounds if each._settings.equipment]
 
@@ -178,7 +178,7 @@ class Containment:
         return None
 
     def around(self, node: Node | None) -> tuple[Equipment, ...]:
-        """The equipment around an object, the innermost first."""
+        """Return the equipment around an object, the innermost first."""
         if node is None:
             return ()
         found = self._around.get(node)
@@ -286,13 +286,13 @@ class Containment:
             self._changed(new)
 
     def is_in_fault(self, node: Node | None) -> bool:
-        """True if equipment around an object is in fault."""
+        """Return True if equipment around an object is in fault."""
         return self._in_fault_around(node) is not None
 
     # And back ------------------------------------------------------------------------------------------
 
     def clear(self, part: Node) -> list[str]:
-        """End the faults of the equipment in a part of the machine and around it, and return their paths.
+        """End the faults of the equipment in a part of the machine and around it, and return their paths. Raises
         EquipmentFault if one of their sensors cannot be read; then none is cleared. Raises DriverError if an object
         cannot be initialised; then its equipment, and the equipment in it, stays in fault."""
         self._settle_held()

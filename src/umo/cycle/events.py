@@ -82,7 +82,7 @@ class EventLimit:
 
 
 def limited(time: float, path: str, text: str, left_out: int) -> Event:
-    """An event that an `EventLimit` has admitted, with the number of those that it has left out before."""
+    """Return an event that an `EventLimit` has admitted, with the number of those that it has left out before."""
     return Event(time, path, f"{text} ({left_out} such events before were left out)" if left_out else text)
 
 
@@ -221,7 +221,7 @@ class Events(Sequence[Event]):
         return self.told
 
     def recent(self, count: int) -> list[Event]:
-        """The last events, at most this number."""
+        """Return the last events, at most this number."""
         kept = self._kept
         return [kept[place] for place in range(-min(count, len(kept)), 0)]
 

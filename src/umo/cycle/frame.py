@@ -39,7 +39,7 @@ class _Numbered:
 
 
 def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
-    """The numbers of a machine that are shown or kept."""
+    """Return the numbers of a machine that are shown or kept."""
     shown = (each for each in numbers.values() if each.declared.shown or each.declared.kept)
     return tuple(_signal(each) for each in shown)
 

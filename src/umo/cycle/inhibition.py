@@ -64,7 +64,7 @@ class Inhibition:
 
     @property
     def cause(self) -> str:
-        """Return why its condition cannot be evaluated; empty if it can."""
+        """The reason why its condition cannot be evaluated; empty if it can."""
         if self.reason is None or self.reason == self.interlock.reason:
             return ""
         start = f"{self._unevaluated}: "
@@ -96,12 +96,12 @@ def _reason(interlock: Interlock, holds: Any) -> str | None:
 
 
 def latched(interlock: Interlock) -> str:
-    """The reason of a latched interlock whose condition is false again."""
+    """Return the reason of a latched interlock whose condition is false again."""
     return f"{interlock.reason} (latched: to be acknowledged)"
 
 
 def unevaluated(interlock: Interlock) -> str:
-    """The reason of an interlock whose condition cannot be evaluated."""
+    """Return the reason of an interlock whose condition cannot be evaluated."""
     return f"the condition {interlock.reason!r} cannot be evaluated"
 
 

@@ -75,7 +75,7 @@ class Side(Enum):
 
 @lru_cache(maxsize=4096)
 def side_of(file: str) -> Side:
-    """The side of a file of code."""
+    """Return the side of a file of code."""
     if file.startswith(COMMAND):
         return Side.LOOP
     if file.startswith(UMO) and not file.startswith(STATIONS):
@@ -165,8 +165,8 @@ def place_within(frame: FrameType | None, until: FrameType | None) -> str:
 
 
 def call_limit(timeouts: Sequence[float]) -> float:
-    """Time in s after which a call of a driver counts as hanging. `timeouts`: timeouts in s of the drivers that have
-    devices."""
+    """Return the time in s after which a call of a driver counts as hanging. `timeouts`: timeouts in s of the drivers
+    that have devices."""
     return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
 
 

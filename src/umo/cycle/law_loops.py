@@ -57,7 +57,7 @@ class Loops:
         return [each.path for each in self._known]
 
     def at(self, place: str) -> FoundLoop:
-        """The loop at this path; PathError names the nearest one, or the candidates if several fit."""
+        """Return the loop at this path; PathError names the nearest one, or the candidates if several fit."""
         if (named := self._named(place)) is not None:
             return named
         known = self.paths
@@ -93,8 +93,8 @@ class Loops:
         return None
 
     def action(self, path: str) -> Action | None:
-        """The action on a loop that has this path; None if the path is not that of such an action. Raises PathError for
-        a path that names no law."""
+        """Return the action on a loop that has this path; None if the path is not that of such an action. Raises
+        PathError for a path that names no law."""
         place, _, name = path.rpartition(".")
         if name not in NAMES or not place:
             return None
@@ -120,5 +120,5 @@ def _found(part: Compound, path: str, law: Any, name: str, ends: Iterable[Any]) 
 
 
 def loop_at(root: Compound, place: str) -> FoundLoop:
-    """The loop at this path in a machine; PathError as `Loops.at`."""
+    """Return the loop at this path in a machine; PathError as `Loops.at`."""
     return Loops(root, laws_in(root)).at(place)

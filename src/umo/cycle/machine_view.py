@@ -120,7 +120,7 @@ class MachineView:
         self.whole.result_so_far = so_far
 
     def facts(self) -> dict[str, str]:
-        """The state of the machine as text."""
+        """Return the state of the machine as text."""
         machine = self.whole
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         now, missed = machine.clock.now, machine.clock.missed_in_all

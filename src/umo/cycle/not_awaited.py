@@ -204,7 +204,7 @@ def hear() -> Callable[[], None]:
 
 @contextmanager
 def heard() -> Iterator[None]:
-    """The same for a `with` block."""
+    """Return the same for a `with` block."""
     end = hear()
     try:
         yield

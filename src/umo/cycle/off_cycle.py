@@ -82,8 +82,8 @@ class WorkerLink:
         """The places of the outputs that each transfer writes."""
 
     def silence(self, now: float) -> str:
-        """The text of the event if no value has arrived for long, or none of its outputs was confirmed; otherwise
-        ""."""
+        """Return the text of the event if no value has arrived for long, or none of its outputs was confirmed;
+        otherwise ""."""
         since = now - max(LONG_ABSENCE, BAD_AGES * self.driver.max_age)
         if self.last.max() < since:
             return f"is away: {self.driver.cause(-1)}"
@@ -391,7 +391,7 @@ class OffCycleDrivers(Capability):
         link.awaited[slot] = link.driver.order(link.place[slot]), first
 
     def is_ordered(self, slot: int) -> bool:
-        """True if a write was already ordered. It is not ordered again before it is carried out."""
+        """Return True if a write was already ordered. It is not ordered again before it is carried out."""
         return slot in self._remote_of[slot].awaited and self._image.sent[slot] == self._image.pending[slot]
 
 

@@ -112,12 +112,12 @@ class OpenedDrivers:
         return failures
 
     def not_reset(self, cause: str) -> list[Failure]:
-        """The actuators that are still to be reset, as failures with this cause."""
+        """Return the actuators that are still to be reset, as failures with this cause."""
         slots = self._stop_sequence() if self._waiting is None else self._waiting
         return [self._image.transfer.failure(slot, cause) for slot in sorted(slots)]
 
     def reports(self) -> dict[str, Mapping[str, Any]]:
-        """The report of each driver. If a report fails, the reason takes its place; the run has not failed."""
+        """Return the report of each driver. If a report fails, the reason takes its place; the run has not failed."""
         found: dict[str, Mapping[str, Any]] = {}
         for name in self._opened:
             try:

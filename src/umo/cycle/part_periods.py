@@ -27,7 +27,7 @@ class GroupView(MachineView):
 
     @property
     def clock(self) -> Clock:  # type: ignore[override]
-        """Return the clock by which a sequence of any part takes its steps."""
+        """The clock by which a sequence of any part takes its steps."""
         task = self.current_task
         return self._clock if task is None else task.clock or self.whole.clock
 

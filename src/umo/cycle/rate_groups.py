@@ -120,7 +120,7 @@ class RateGroups:
         self.restart()
 
     def of(self, node: Node) -> RateGroup:
-        """The group to which an object belongs."""
+        """Return the group to which an object belongs."""
         return self.whole if not self.parts else self._parts.get(self._rates.number(node), self.whole)
 
     def restart(self) -> None:

@@ -31,7 +31,7 @@ class Elsewhere(Protocol):
     """The circuits whose values arrive at their own times (`umo.cycle.off_cycle`)."""
 
     def read_at(self, slot: int) -> float:
-        """The time in s of the reading that is being accepted."""
+        """Return the time in s of the reading that is being accepted."""
 
     def was_read(self, slot: int, failures: list[Failure]) -> None:
         """Note that a reading was accepted, which has its own time."""
@@ -148,7 +148,7 @@ class ImageInputs(Slots):
         return self.clock.read() if elsewhere is None else elsewhere.read_at(slot)
 
     def velocity(self, slot: int) -> float:
-        """Return the velocity of a sensor, units per s. BadInput while it is BAD."""
+        """Return the velocity of a sensor, units per s. Raises BadInput while it is BAD."""
         if self.quality[slot] == Quality.BAD:
             raise BadInput(self.items[slot].path, Quality.BAD)
         return self.conditioners[slot].velocity

@@ -30,7 +30,7 @@ Undo = Callable[[Callable[[], object]], object]
 
 
 def kept_kind(number: MachineNumber) -> dict[str, Any]:
-    """The type of a kept number as plain data; for an Enum and a named number, the names by their numbers."""
+    """Return the type of a kept number as plain data; for an Enum and a named number, the names by their numbers."""
     if isinstance(number.kind, EnumMeta):
         members: list[Any] = list(number.kind)
         return {"type": "Enum", "members": {str(number_in(number.kind, member)): member.name for member in members}}

@@ -82,9 +82,9 @@ def result_of(returned: Any, connection: connect[Any]) -> Any:
 
 @expects_errors
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:
-    """The loop of a connected machine. Ends when the application ends or a stop is requested, which ends the wait for a
-    tick. The `options` are those of the application (options of drivers belong to `connect`). Raises OptionError if it
-    does not have one."""
+    """Return the loop of a connected machine. Ends when the application ends or a stop is requested, which ends the
+    wait for a tick. The `options` are those of the application (options of drivers belong to `connect`). Raises
+    OptionError if it does not have one."""
     check_machine("drive", m)
     _check_application(application)
     shares = distribute_options(options, application=application, wiring={})

@@ -134,8 +134,8 @@ class DriverSegments:
 
 
 def settling(wired: Wired) -> float:
-    """The time in s that a device may take to carry out requests that were still in progress when it began to answer
-    again."""
+    """Return the time in s that a device may take to carry out requests that were still in progress when it began to
+    answer again."""
     return max([SETTLE, *(min(wired.drivers[name].timeout, MAX_SETTLE) for name in wired.hardware)])
 
 

@@ -22,8 +22,8 @@ AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 
 
 def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
-    """The text for a sequence that a function has called and that is never awaited. `in_sequence`: whether the calling
-    function is a sequence itself."""
+    """Return the text for a sequence that a function has called and that is never awaited. `in_sequence`: whether the
+    calling function is a sequence itself."""
     instead = "write `await` before it" if in_sequence else "write `cycle.start(...)` around it"
     if function in MAKING:
         instead = f"nothing runs yet in `{function}`: await it in the application"
@@ -33,8 +33,8 @@ def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
 
 
 def no_machine(application: Any) -> str:
-    """The text for an application that cannot take the machine as its first argument, or "" if it can, or this is not
-    known."""
+    """Return the text for an application that cannot take the machine as its first argument, or "" if it can, or this
+    is not known."""
     try:
         given = list(inspect.signature(application).parameters.values())
     except (TypeError, ValueError):
@@ -135,8 +135,8 @@ def _argument_in(text: str, function: str) -> str:
 
 
 def calls_in(text: str, name: str) -> Iterator[tuple[str, ast.Call]]:
-    """The calls of a function in a piece of source, such as a line that begins a block, each with the statement that
-    contains it."""
+    """Return the calls of a function in a piece of source, such as a line that begins a block, each with the statement
+    that contains it."""
     for whole in (text, f"{text} pass", f"{text} pass".removeprefix("el")):
         try:
             nodes = ast.walk(ast.parse(whole))
@@ -146,7 +146,7 @@ def calls_in(text: str, name: str) -> Iterator[tuple[str, ast.Call]]:
 
 
 def called_name(call: ast.Call) -> str:
-    """The name of the called function: `until` for `control.until(...)`."""
+    """Return the name of the called function: `until` for `control.until(...)`."""
     function: Any = call.func
     name: str = getattr(function, "attr", getattr(function, "id", ""))
     return name

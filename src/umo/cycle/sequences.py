@@ -39,7 +39,7 @@ class Containing(Protocol):
         """Handle the failure of a sequence. Return True if the machine continues."""
 
     def is_in_fault(self, node: Node | None) -> bool:
-        """True if this part of the machine is in fault, so that nothing in it continues."""
+        """Return True if this part of the machine is in fault, so that nothing in it continues."""
 
     def gather(self) -> None:
         """Collect failures from now on, to settle them together."""
@@ -97,8 +97,8 @@ def _who() -> Generator[object, Any, Task | None]:
 
 
 async def own_task(what: str) -> Task:
-    """The innermost task that advances the sequence that calls this. Raises TaskFailed if none does; `what` names the
-    function that needs it."""
+    """Return the innermost task that advances the sequence that calls this. Raises TaskFailed if none does; `what`
+    names the function that needs it."""
     found = await _who()
     if found is None:
         raise TaskFailed(f"{what} can be used only in a sequence that the cycle advances")
@@ -228,7 +228,7 @@ class timeout(AsyncBlock):
         self._passed += tick.ticks
 
     def expires(self, tick: Clock) -> Cancelled | None:
-        """The error to cancel the block with, if the time is over for the first time."""
+        """Return the error to cancel the block with, if the time is over for the first time."""
         if self._expiry is not None or self._passed < _whole_periods(self._limit, tick.period):
             return None
         self._expiry = Cancelled()
@@ -319,7 +319,7 @@ class Task(Waiter):
 
     @property
     def machine(self) -> object:
-        """Return an object that identifies the machine that advances it, or None."""
+        """An object that identifies the machine that advances it, or None."""
         return self._current
 
     @expects_errors

@@ -105,7 +105,7 @@ class Slots:
         return value if linearization is None else linearization.to_value(value)
 
     def nearest(self, slot: int, value: float) -> int:
-        """The raw integer nearest to a value, even outside the range."""
+        """Return the raw integer nearest to a value, even outside the range."""
         scales, linearization = self.scales, self.scales.linearizations[slot]
         quantity = value if linearization is None else linearization.to_input(value)
         return to_raw(quantity, scales.resolution.item(slot), scales.zero_offset.item(slot))

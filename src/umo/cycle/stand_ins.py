@@ -22,11 +22,11 @@ class NobodyAway:
     """Function that is called with the name of a driver and the ns that a look or an attempt has taken."""
 
     def is_away(self, driver: Driver[Any]) -> bool:
-        """True if calls of this driver are refused."""
+        """Return True if calls of this driver are refused."""
         return False
 
     def is_unknown(self, driver: Driver[Any]) -> bool:
-        """True if calls of this driver are refused, and it is not known yet whether its device answers."""
+        """Return True if calls of this driver are refused, and it is not known yet whether its device answers."""
         return False
 
     def failed(self, driver: Driver[Any], error: BaseException, timed_out: bool, write: bool) -> None:

@@ -81,8 +81,8 @@ class StopFlag:
         return self.thread is threading.main_thread()
 
     def is_first_signal(self) -> bool:
-        """True if this is the first signal of the operating system, so it is True only once. It works in one step,
-        because a signal may interrupt the handler of another one."""
+        """Return True if this is the first signal of the operating system, so it is True only once. It works in one
+        step, because a signal may interrupt the handler of another one."""
         return self._to_come.pop("first signal", False)
 
     def request(self, number: int | None = None) -> None:
@@ -134,7 +134,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def usual_handler(number: int) -> object:
-    """The handler of a signal while no machine is connected."""
+    """Return the handler of a signal while no machine is connected."""
     return _before.get(number, signal.getsignal(number))
 
 

@@ -41,8 +41,8 @@ class Gate(Protocol):
     """The command stage, which checks writes that the column `restrictions` marks (`umo.cycle.command_stage`)."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        """True if a value within the range may be written; Interlocked if an interlock with the effect "stop" inhibits
-        it."""
+        """Return True if a value within the range may be written; raises Interlocked if an interlock with the effect
+        "stop" inhibits it."""
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
         """Handle many writes at once, each with its answer. If it raises Interlocked, none was accepted."""
@@ -110,8 +110,8 @@ class ImageDefaults(ImageInputs, ImageOutputs):
         self.deliveries[slot].refused(slot)
 
     def path_if_default_kept(self, slot: int) -> str:
-        """The path of an actuator that is away from its default, and that will stay at its default once its device is
-        initialised again, because nothing sends its value again. "" for any other object."""
+        """Return the path of an actuator that is away from its default, and that will stay at its default once its
+        device is initialised again, because nothing sends its value again. "" for any other object."""
         item = self.items[slot]
         stays = isinstance(item, Actuator) and not (self.deliveries[slot].survives(slot) or self.is_at_default(slot))
         return item.path if stays else ""

@@ -136,7 +136,7 @@ class Trace:
         return ["time_s", "missed", "execution_us", *(described(item).heading for item in self.items), *signals]
 
     def place(self, shown: Atomic | Signal) -> int:
-        """The column of an object or a signal in `rows`."""
+        """Return the column of an object or a signal in `rows`."""
         if isinstance(shown, Signal):
             return 3 + len(self.items) + self.signals.index(shown)
         return 3 + self.items.index(shown)
@@ -148,8 +148,8 @@ class Trace:
 
 
 def lines(trace: Trace, after: float | None = None) -> Iterator[str]:
-    """The lines of its CSV file: the columns, then one line per row; if `after` is given, only the rows later than this
-    time in s."""
+    """Return the lines of its CSV file: the columns, then one line per row; if `after` is given, only the rows later
+    than this time in s."""
     text = StringIO(newline="")
     writer = csv.writer(text)
     rows = trace.rows

@@ -75,7 +75,7 @@ class WriterSeen(NamedTuple):
 
 
 def control_of(compound: Compound) -> str:
-    """The law of a compound, as text."""
+    """Return the law of a compound, as text."""
     return f"control of {compound._path or type(compound).__name__}"
 
 

@@ -69,8 +69,7 @@ class Waiter(ABC):
 
     @property
     def shown(self) -> Waiter:
-        """Return the sequence that messages name for it: one of umo's own functions is replaced by the one that runs
-        it."""
+        """The sequence that messages name for it: one of umo's own functions is replaced by the one that runs it."""
         return self
 
     @property
@@ -96,7 +95,7 @@ def circle(waiting: Waiter, target: Waiter, wait: str) -> str | None:
 
 
 def awaits(waiting: Waiter, target: Waiter) -> bool:
-    """True if a sequence continues only when another one has ended, as it awaits it or runs it in parallel."""
+    """Return True if a sequence continues only when another one has ended, as it awaits it or runs it in parallel."""
     return waiting in _reached([target], _bound_to)
 
 

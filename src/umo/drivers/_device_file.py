@@ -31,7 +31,8 @@ def opening(path: str) -> Iterator[None]:
 
 
 def explained(path: str, error: OSError) -> str:
-    """A missing file with those that exist, a refused one with the group to join, a busy one with who holds it."""
+    """Return a missing file with those that exist, a refused one with the group to join, a busy one with who holds
+    it."""
     if error.errno in _MISSING:
         others = similar(path)
         known = f"; there are: {', '.join(others[:_MAX_LISTED])}" if others else "; there is none of its kind"
@@ -45,7 +46,8 @@ def explained(path: str, error: OSError) -> str:
 
 
 def similar(path: str) -> list[str]:
-    """The existing files of the same folder whose names differ from this one in digits only, in natural order."""
+    """Return the existing files of the same folder whose names differ from this one in digits only, in natural
+    order."""
     stem = re.sub(r"\d+", "", os.path.basename(path))
     try:
         names = os.listdir(os.path.dirname(path) or ".")
@@ -57,7 +59,7 @@ def similar(path: str) -> list[str]:
 
 
 def numbered(folder: Path, stem: str) -> list[Path]:
-    """The files of a folder whose names are this stem and a number, in the order of the numbers."""
+    """Return the files of a folder whose names are this stem and a number, in the order of the numbers."""
     return sorted(folder.glob(f"{stem}[0-9]*"), key=lambda path: (len(path.name), path.name))
 
 
@@ -75,14 +77,14 @@ def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str
 
 
 def listed(kind: str, there: Mapping[str, Sequence[str]]) -> str:
-    """The devices that there are, for a message."""
+    """Return the devices that there are, for a message."""
     if not there:
         return f"this computer has no {kind}"
     return "there are: " + ", ".join(f"{number}{in_brackets(*names)}" for number, names in there.items())
 
 
 def text_in(file: Path) -> str:
-    """The contents of a small file; empty if it cannot be read."""
+    """Return the contents of a small file; empty if it cannot be read."""
     with suppress(OSError):
         return file.read_text().strip()
     return ""
@@ -103,7 +105,8 @@ def put(file: Path, value: str) -> None:
 
 
 def holders(path: str) -> list[str]:
-    """The processes that have the file open, as `pid 123 (minicom)`; those of other users are seen by root only."""
+    """Return the processes that have the file open, as `pid 123 (minicom)`; those of other users are seen by root
+    only."""
     real = os.path.realpath(path)
     found = []
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda folder: int(folder.name)):

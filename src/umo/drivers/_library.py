@@ -7,8 +7,8 @@ from typing import Any
 
 
 def library(module: str, name: str) -> Any:
-    """The module; None if the library of this name, which it needs, is not installed: a wiring can be checked without
-    it. For constructors: a guardian has no time for imports in `open`."""
+    """Return the module; None if the library of this name, which it needs, is not installed: a wiring can be checked
+    without it. For constructors: a guardian has no time for imports in `open`."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:

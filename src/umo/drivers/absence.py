@@ -97,11 +97,11 @@ class Absence:
         return self.state is AbsenceState.TRIED and self._answers
 
     def has_lasted(self, now: float) -> bool:
-        """True if the absence is long enough for an event."""
+        """Return True if the absence is long enough for an event."""
         return now - self.began >= LONG_ABSENCE - TIME_TOLERANCE
 
     def is_due(self, now: float) -> bool:
-        """True if the device is to be looked for."""
+        """Return True if the device is to be looked for."""
         return self.state is AbsenceState.DOUBTED or (self.is_away and now >= self.due - TIME_TOLERANCE)
 
     def assume(self, now: float) -> None:

@@ -178,8 +178,8 @@ class Driver(ABC, Generic[C]):
 
     @abstractmethod
     def channel(self, text: str) -> C:
-        """The channel with this text. Raises ChannelError, with the valid forms, for an unknown one. May be called
-        before `open`."""
+        """Return the channel with this text. Raises ChannelError, with the valid forms, for an unknown one. May be
+        called before `open`."""
 
     def initialize(self, channel: C, default: int | None) -> None:
         """Prepare the channel. An output must go directly to its default, without another level in between.
@@ -204,8 +204,9 @@ class Driver(ABC, Generic[C]):
     # Derived: override what the circuit does better ------------------------------------------------
 
     def devices(self) -> Iterable[str]:
-        """The hardware that the driver uses, such as "modbus tcp 192.168.0.7:502". The text must be the same for every
-        spelling of one device: one process holds a device at a time. Empty for a simulation. Called before `open`."""
+        """Return the hardware that the driver uses, such as "modbus tcp 192.168.0.7:502". The text must be the same for
+        every spelling of one device: one process holds a device at a time. Empty for a simulation. Called before
+        `open`."""
         return ()
 
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:

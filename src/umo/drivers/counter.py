@@ -86,8 +86,8 @@ class Counter(Driver[CounterChannel]):
         return CounterChannel(text, direction, bits, signed, count, attribute)
 
     def devices(self) -> Sequence[str]:
-        """The device by its number, regardless of how the option names it; a device that does not exist, as the option
-        names it."""
+        """Return the device by its number, regardless of how the option names it; a device that does not exist, as the
+        option names it."""
         with suppress(OSError):
             return [f"counter {_found(self.device).name}"]
         return [f"counter {self.device}"]

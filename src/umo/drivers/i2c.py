@@ -85,7 +85,7 @@ class I2c(RegisterDriver):
         return channel
 
     def devices(self) -> Iterable[str]:
-        """The bus and the address of the chip."""
+        """Return the bus and the address of the chip."""
         return [f"i2c {os.path.realpath(self.path)} address {self.address:#04x}"]
 
     def _connect(self) -> None:

@@ -45,7 +45,7 @@ def checked_table(name: str, value: Any, known: Collection[str], example: str) -
 
 
 def duration(name: str, value: str | float) -> float:
-    """Time in s, from a text such as "200 ms" or a number below 1; up to an hour."""
+    """Return the time in s, from a text such as "200 ms" or a number below 1; up to an hour."""
     try:
         found = seconds_of_setting(value)
     except DeclarationError:

@@ -46,7 +46,7 @@ def look_for(driver: object) -> bool | None:
 
 
 def answers_for_device(driver: object) -> bool:
-    """True if the result True of a look means that the device itself has answered."""
+    """Return True if the result True of a look means that the device itself has answered."""
     return isinstance(driver, Looks) and driver.answers_for_device
 
 
@@ -56,8 +56,8 @@ class KnowsAges(ABC):
 
     @abstractmethod
     def ages(self, channels: Sequence[Any]) -> Sequence[float] | None:
-        """The age in s of each value that the last `read_many` of these channels has given. None means that they are as
-        old as the transfer."""
+        """Return the age in s of each value that the last `read_many` of these channels has given. None means that they
+        are as old as the transfer."""
 
 
 def ages_of(driver: object, channels: Sequence[Any]) -> Sequence[float] | None:
@@ -95,7 +95,8 @@ class KnowsScale(ABC):
 
     @abstractmethod
     def physical_scale(self, channel: Any) -> PhysicalScale | None:
-        """The scale of a channel, or None if it is unknown or the device is not there. May be called before `open`."""
+        """Return the scale of a channel, or None if it is unknown or the device is not there. May be called before
+        `open`."""
 
 
 def scale_of(driver: object, channel: Any) -> PhysicalScale | None:
@@ -154,7 +155,7 @@ class Inspects(ABC):
 
 
 def inspection_of(driver: object, channel: Any) -> str:
-    """The content of the circuit for an input channel, read now; empty if the driver cannot show it."""
+    """Return the content of the circuit for an input channel, read now; empty if the driver cannot show it."""
     return driver.inspect(channel) if isinstance(driver, Inspects) else ""
 
 
@@ -222,7 +223,7 @@ OPTIONAL: tuple[type, ...] = (
 
 
 def names_of(kind: type) -> list[str]:
-    """The names that a class of this module gives a driver."""
+    """Return the names that a class of this module gives a driver."""
     return [name for name in vars(kind) if not name.startswith("_")]
 
 

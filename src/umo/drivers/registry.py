@@ -25,8 +25,8 @@ GROUP = "umo.drivers"
 
 @cache
 def known() -> dict[str, list[EntryPoint]]:
-    """The registered drivers by name; none is imported. A name with several entry points is ambiguous and stands for
-    none of them."""
+    """Return the registered drivers by name; none is imported. A name with several entry points is ambiguous and stands
+    for none of them."""
     found: dict[str, dict[str, EntryPoint]] = {}
     for point in registered(GROUP):
         found.setdefault(point.name, {})[point.value] = point
@@ -34,7 +34,7 @@ def known() -> dict[str, list[EntryPoint]]:
 
 
 def find(name: str) -> type[Driver]:
-    """The driver class of a registered name or of `module:Class`; WiringError otherwise."""
+    """Return the driver class of a registered name or of `module:Class`; raises WiringError otherwise."""
     if ":" in name:
         module, _, attribute = name.partition(":")
     elif name in (points := known()):
@@ -57,8 +57,8 @@ def find(name: str) -> type[Driver]:
 
 
 def table_of(name: str) -> Mapping[str, Any]:
-    """The table `[drivers.NAME]` of a driver that only lines of `[wire]` name: by a type, or by `TYPE:TEXT` if the
-    registered type has such a short form. In all other types `:` means `module:Class`."""
+    """Return the table `[drivers.NAME]` of a driver that only lines of `[wire]` name: by a type, or by `TYPE:TEXT` if
+    the registered type has such a short form. In all other types `:` means `module:Class`."""
     kind, _, text = name.partition(":")
     if text and kind in known():
         with suppress(WiringError):  # it is told as for any other

@@ -49,7 +49,7 @@ class Simulated(Driver, MovesInC):
         self._put(channel, int(raw))
 
     def get(self, channel: str) -> int:
-        """The raw value last written or set; default: 0."""
+        """Return the raw value last written or set; default: 0."""
         return self._cells[channel].value if channel in self._cells else self._raws.get(channel, 0)
 
     def read(self, channel: Channel) -> int:

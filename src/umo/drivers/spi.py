@@ -108,7 +108,7 @@ class Spi(RegisterDriver):
         return channel
 
     def devices(self) -> Iterable[str]:
-        """The device file of the chip select."""
+        """Return the device file of the chip select."""
         return [f"spi {os.path.realpath(self.path)}"]
 
     def _connect(self) -> None:

@@ -184,8 +184,8 @@ def actions_of(root: Compound) -> dict[str, Action]:
 
 
 def actions_on(part: Compound, path: str, owner: Any) -> dict[str, Action]:
-    """The actions of an object at this path that is not a law itself, by their paths; `part` is the compound that has
-    the object."""
+    """Return the actions of an object at this path that is not a law itself, by their paths; `part` is the compound
+    that has the object."""
     found = (_action(part, path, owner, *each) for each in _marks(owner.__class__).items())
     return {each.path: each for each in found}
 

@@ -59,8 +59,8 @@ class Actuator(Atomic):
 
     @property
     def inhibited(self) -> str | None:
-        """Return why writes of the program are not accepted: the reason of the interlock that keeps it at its default,
-        or the client that has taken it. None if they are accepted."""
+        """The reason why writes of the program are not accepted: the reason of the interlock that keeps it at its
+        default, or the client that has taken it. None if they are accepted."""
         return self._image.claims.inhibited(self._slot)
 
     @property
@@ -144,7 +144,7 @@ class BinaryActuator(Actuator, Binary[S]):
         return write(self._slot, level)
 
     def read(self) -> S:
-        """The state last accepted by the hardware."""
+        """Return the state last accepted by the hardware."""
         return self._one if self._image.values[self._slot] else self._zero
 
 
@@ -233,7 +233,7 @@ class DigitalActuator(Actuator, Digital):
         return write(self._slot, value)
 
     def read(self) -> float:
-        """The value last accepted by the hardware, in `units`, as written (not as quantised)."""
+        """Return the value last accepted by the hardware, in `units`, as written (not as quantised)."""
         return self._image.values[self._slot]
 
     def _write_beyond(self, value: float) -> bool:

@@ -56,7 +56,7 @@ class DeclaredAttributes:
 
 
 def names_in(cls: type) -> set[str]:
-    """The names that a class and its bases declare."""
+    """Return the names that a class and its bases declare."""
     found: set[str] = set()
     for each in cls.__mro__:
         found.update(vars(each), vars(each).get("__annotations__", ()), vars(each).get("_stored", ()))

@@ -212,7 +212,7 @@ class Compound(Node):
             self._free = shared(self._free | {name})
 
     def interlocks(self) -> Iterable[Interlock]:
-        """The interlocks of this object. Override it to declare interlocks. Called on connect."""
+        """Return the interlocks of this object. Override it to declare interlocks. Called on connect."""
         return ()
 
     def on_suspend(self) -> None:

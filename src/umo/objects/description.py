@@ -31,8 +31,8 @@ def row_of(item: Atomic) -> TableRow:
 
 
 def converted(row: TableRow, unit: str | None) -> TableRow:
-    """Return a number in another unit, with its resolution; a value without a unit is unchanged. DeclarationError and
-    RangeError as in `convert`."""
+    """Return a number in another unit, with its resolution; a value without a unit is unchanged. Raises
+    DeclarationError and RangeError as in `convert`."""
     about = row.about
     if unit is None or not about.is_number:
         return row

@@ -47,7 +47,7 @@ class Interlock:
     effect: Literal["inhibit", "stop"] = "inhibit"
 
     def actuators(self) -> list[Atomic]:
-        """All actuators in `forbids`, in declared order. Raises DeclarationError for anything else."""
+        """Return all actuators in `forbids`, in declared order. Raises DeclarationError for anything else."""
         found: list[Atomic] = []
         for node in self.forbids:
             if isinstance(node, Actuator):

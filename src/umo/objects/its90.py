@@ -94,7 +94,7 @@ class Reference(NamedTuple):
 
 @cache
 def references() -> dict[str, tuple[Reference, ...]]:
-    """The ranges of each type, ascending."""
+    """Return the ranges of each type, ascending."""
     found: dict[str, tuple[Reference, ...]] = {}
     for block in _TABLE.strip().replace("\n ", " ").split("\n"):
         kind, start, end, *c = block.split()

@@ -68,7 +68,7 @@ def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
 
 
 def declared_reaction(node: Node | None) -> Reaction | None:
-    """The reaction that the nearest compound declares, from this node up, or None if there is none."""
+    """Return the reaction that the nearest compound declares, from this node up, or None if there is none."""
     while node is not None:
         settings: ClassSettings | None = getattr(node, "_settings", None)
         if settings is not None and settings.when_suspended is not None:

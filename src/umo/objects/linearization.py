@@ -41,7 +41,7 @@ class Linearization(ABC):
         monotonic there."""
 
     def to_value(self, x: float) -> float:
-        """The value for an electrical quantity."""
+        """Return the value for an electrical quantity."""
         return self._forward.one(x)
 
     def to_values(self, xs: FloatArray) -> FloatArray:
@@ -49,7 +49,7 @@ class Linearization(ABC):
         return self._forward.many(xs)
 
     def to_input(self, value: float) -> float:
-        """The electrical quantity for a value."""
+        """Return the electrical quantity for a value."""
         return self._inverse.one(value)
 
     def to_inputs(self, values: FloatArray) -> FloatArray:

@@ -150,8 +150,8 @@ class Cycle:
         """Start a sequence of this object. It runs from the next period on, in parallel with the others.
 
         If it fails, a sequence that awaits it gets TaskFailed. If no sequence of the same equipment awaits it, the
-        equipment enters a fault; outside of equipment, `control` raises the error and the run ends. EquipmentFault if
-        the equipment is already in fault.
+        equipment enters a fault; outside of equipment, `control` raises the error and the run ends. Raises
+        EquipmentFault if the equipment is already in fault.
         """
         return self._machine.start(sequence, self._part)
 
@@ -165,8 +165,8 @@ class Cycle:
         """End the fault of the equipment that contains this object, and of all equipment in it. Returns their paths.
 
         Actuators, and the sensors that had failed, are initialised again; incremental sensors among them become
-        UNREFERENCED. Then it may be started again. EquipmentFault while one of its sensors cannot be read, DriverError
-        if an object cannot be initialised; then the equipment stays in fault.
+        UNREFERENCED. Then it may be started again. Raises EquipmentFault while one of its sensors cannot be read,
+        DriverError if an object cannot be initialised; then the equipment stays in fault.
         """
         return self._machine.clear(self._part)
 

@@ -92,7 +92,7 @@ class Node(DeclaredAttributes):
 
 
 def outwards(node: Node | None) -> Iterator[Node]:
-    """An object and the compounds around it, the innermost first."""
+    """Return an object and the compounds around it, the innermost first."""
     while node is not None:
         yield node
         node = node._parent

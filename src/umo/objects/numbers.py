@@ -113,15 +113,15 @@ class MachineNumber(NamedTuple):
 
 @cache
 def states_of(kind: EnumMeta) -> Mapping[int, str]:
-    """The names of an Enum's members by number: by their values if all are whole numbers, otherwise by their places
-    from 0."""
+    """Return the names of an Enum's members by number: by their values if all are whole numbers, otherwise by their
+    places from 0."""
     members: list[Any] = list(kind.__members__.values())
     whole = all(type(each.value) is int for each in members)
     return {each.value if whole else place: each.name.lower().replace("_", " ") for place, each in enumerate(members)}
 
 
 def number_in(kind: EnumMeta, member: Any) -> int:
-    """The number of a member, as in `states_of`."""
+    """Return the number of a member, as in `states_of`."""
     return int(member.value) if type(member.value) is int else list(kind.__members__.values()).index(member)
 
 

@@ -70,13 +70,13 @@ class Range:
         return int(number)
 
     def admits(self, values: Sequence[object]) -> bool:
-        """True if `check` accepts each of these values."""
+        """Return True if `check` accepts each of these values."""
         low, high = max(self.minimum, -float_info.max), min(self.maximum, float_info.max)
         return {*map(type, values)} <= {int, float} and all(low <= value <= high for value in values)  # type: ignore[operator]
 
     def checked(self, name: str, value: object) -> float:
-        """Return the value unchanged, an int or a float. RangeError like `check`, and for an int that a float cannot
-        express."""
+        """Return the value unchanged, an int or a float. Raises RangeError like `check`, and for an int that a float
+        cannot express."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise RangeError(f"{name}: {value!r} is not a number{self._in_unit}")
         if not -float_info.max <= value <= float_info.max:

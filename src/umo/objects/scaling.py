@@ -34,8 +34,9 @@ def to_raw(value: float, resolution: float, zero_offset: float) -> int:
 
 
 def raw_bounds(minimum: float, maximum: float, resolution: float, zero_offset: float) -> tuple[int, int]:
-    """The least and the greatest raw integer whose value lies within the range; the least is above the greatest if
-    there is none. A value that differs from a bound only by a rounding error of the division counts as equal to it."""
+    """Return the least and the greatest raw integer whose value lies within the range; the least is above the greatest
+    if there is none. A value that differs from a bound only by a rounding error of the division counts as equal to
+    it."""
     ends = sorted((bound - zero_offset) / resolution for bound in (minimum, maximum))
     return math.ceil(ends[0] - BOUND_TOLERANCE), math.floor(ends[1] + BOUND_TOLERANCE)
 

@@ -60,8 +60,8 @@ class BinarySensor(Sensor, Binary[S]):
         self._max_age, self._marks = _on_error(on_error, max_age)
 
     def read(self) -> S:
-        """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now. BadInput for a sensor
-        that was never read (`on_error="mark"`), because it has no state."""
+        """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now. Raises BadInput for a
+        sensor that was never read (`on_error="mark"`), because it has no state."""
         image = self._image
         level = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
         if not level:
@@ -123,8 +123,8 @@ class DigitalSensor(Sensor, Digital):
         return self._incremental
 
     def read(self) -> float:
-        """The value in `units`; NaN if it was never read. Synchronous: kept by the last `sample`. Asynchronous: reads
-        the hardware now."""
+        """Return the value in `units`; NaN if it was never read. Synchronous: kept by the last `sample`. Asynchronous:
+        reads the hardware now."""
         image = self._image
         value: float = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
         return value
@@ -145,7 +145,8 @@ class DigitalSensor(Sensor, Digital):
 
         `at` is the true value in `units` of the last reading, for a counter that homing cannot preset: from now on
         `zero_offset` is changed so that `read`, the range, frames and traces agree with it. This is valid until the
-        machine is disconnected. BadInput if there is no reading, DeclarationError for a sensor with a linearization.
+        machine is disconnected. Raises BadInput if there is no reading, DeclarationError for a sensor with a
+        linearization.
         """
         if not self._incremental:
             raise DeclarationError(f"{self.path} is not declared incremental")

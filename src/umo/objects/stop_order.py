@@ -12,7 +12,7 @@ from umo.objects.paths import children, named
 
 
 def stop_sequence(root: Compound) -> list[Atomic]:
-    """The machine's actuators in the order in which they are brought to their defaults.
+    """Return the machine's actuators in the order in which they are brought to their defaults.
 
     At every level of the tree: first what `stop_order` names, in its order, then the other parts as declared, each in
     its own order. The order of a compound further up takes precedence for the objects that it names.

@@ -29,7 +29,7 @@ class Store(NamedTuple):
 
 
 def stores_in(cls: type) -> Iterator[Store]:
-    """The stores of the functions in the body of a class."""
+    """Return the stores of the functions in the body of a class."""
     for name, value in vars(cls).items():
         for function in functions_of(value):
             code = function.__code__
@@ -38,7 +38,7 @@ def stores_in(cls: type) -> Iterator[Store]:
 
 
 def functions_of(value: Any) -> Iterator[FunctionType]:
-    """The functions of a value in a class, including those of a property and of a decorated function."""
+    """Return the functions of a value in a class, including those of a property and of a decorated function."""
     if isinstance(value, property):
         inner = [value.fget, value.fset, value.fdel]
     elif isinstance(value, cached_property):
@@ -99,7 +99,7 @@ def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> 
 
 
 def is_slip(name: str, meant: str) -> bool:
-    """True if two neighbouring letters are swapped, or if a letter within the name is missing or added."""
+    """Return True if two neighbouring letters are swapped, or if a letter within the name is missing or added."""
     if min(len(name), len(meant)) < SHORTEST or name[0] != meant[0]:
         return False
     short, long = sorted((name, meant), key=len)

@@ -50,7 +50,7 @@ LOGARITHMIC_DIGITS = 12
 
 
 def check_unit(unit: str) -> str:
-    """Return the unit if pint knows it; DeclarationError otherwise."""
+    """Return the unit if pint knows it; raises DeclarationError otherwise."""
     if not isinstance(unit, str):
         raise DeclarationError(f"{cut_repr(unit)} is not a unit; write a text such as mm/s")
     return _checked_unit(unit)
@@ -80,7 +80,7 @@ def _unit_names() -> list[str]:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """True if pint considers two units the same: "degC" and "degree_Celsius"."""
+    """Return True if pint considers two units the same: "degC" and "degree_Celsius"."""
     if one == other:
         return True
     parse = registry().parse_units

@@ -45,7 +45,7 @@ class StateModel:
     """Column and row of each state in a diagram."""
 
     def possible(self, state: IntEnum) -> list[str]:
-        """The commands that are possible in a state."""
+        """Return the commands that are possible in a state."""
         return [name for name, targets in self.commands.items() if state in targets]
 
     def describe(self) -> dict[str, Any]:
@@ -63,10 +63,10 @@ class StateModel:
 
 
 def title(state: IntEnum) -> str:
-    """The name of a state as it is shown: `unholding`."""
+    """Return the name of a state as it is shown: `unholding`."""
     return state.name.lower().replace("_", " ")
 
 
 def sequence_name(model: StateModel, state: IntEnum) -> str:
-    """The name of the method that is the sequence of an acting state."""
+    """Return the name of the method that is the sequence of an acting state."""
     return EXECUTE if state is model.execute else state.name.lower()

@@ -80,7 +80,7 @@ class RecipeBook(Generic[R]):
         self.choice = 0
 
     def next(self, planned: str = "") -> R:
-        """The recipe for the next batch: the chosen one, otherwise the planned one, otherwise the one used last,
+        """Return the recipe for the next batch: the chosen one, otherwise the planned one, otherwise the one used last,
         otherwise the first. Raises RecipeError if the planned one is not known."""
         found = self.chosen or (self._known(planned) if planned else self.current)
         self.current = found or next(iter(self.recipes.values()))
@@ -89,8 +89,9 @@ class RecipeBook(Generic[R]):
         return self.current
 
     def number_of(self, recipe: R | None) -> int:
-        """The number of a recipe, for a shown number with `recipe_names`. 0 means none; the numbers from 1 on are those
-        of the recipes read at the start, then of recipes with the same names and other values, then of any other."""
+        """Return the number of a recipe, for a shown number with `recipe_names`. 0 means none; the numbers from 1 on
+        are those of the recipes read at the start, then of recipes with the same names and other values, then of any
+        other."""
         if recipe is None:
             return 0
         known = list(self.recipes)
@@ -100,14 +101,13 @@ class RecipeBook(Generic[R]):
         return 1 + known.index(recipe.name) + (0 if same else len(known))
 
     def describe(self) -> dict[str, Any]:
-        """The recipes that were read at the start with their fields, as plain data."""
+        """Return the recipes that were read at the start with their fields, as plain data."""
         recipes = [{"name": each.name, "hash": each.hash, "values": each.values} for each in self.recipes.values()]
         return {"fields": describe_fields(self.kind), "recipes": recipes}
 
     @property
     def record(self) -> dict[str, dict[str, Any]]:
-        """Return the recipes used, for the result of a run: name and hash, with the number of batches and the
-        values."""
+        """The recipes used, for the result of a run: name and hash, with the number of batches and the values."""
         others = {"others": {"batches": self._others}} if self._others else {}
         return {key: {**entry} for key, entry in self._record.items()} | others
 
@@ -128,7 +128,7 @@ class RecipeBook(Generic[R]):
 
 
 def recipe_names(known: Iterable[str], none: str) -> dict[int, str]:
-    """The names of the numbers of recipes (`RecipeBook.number_of`). `none`: the name of 0."""
+    """Return the names of the numbers of recipes (`RecipeBook.number_of`). `none`: the name of 0."""
     found = list(known)
     return dict(enumerate([none, *found, *(f"{name}, other values" for name in found), "another one"]))
 

@@ -108,7 +108,7 @@ def recipe_of(
 
 
 def recipe_from_content(kind: type[R], name: str, content: str) -> R:
-    """The recipe with the values in a text of JSON, numbers in the units of their fields. Raises RecipeError."""
+    """Return the recipe with the values in a text of JSON, numbers in the units of their fields. Raises RecipeError."""
     try:
         given = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -119,8 +119,8 @@ def recipe_from_content(kind: type[R], name: str, content: str) -> R:
 
 
 def read_recipes(kind: type[R], place: Path) -> dict[str, R]:
-    """The recipes in a folder (`*.toml`, each one recipe) or in one file (a table each), by name; RecipeError with the
-    mistakes of all."""
+    """Return the recipes in a folder (`*.toml`, each one recipe) or in one file (a table each), by name; raises
+    RecipeError with the mistakes of all."""
     recipes: dict[str, R] = {}
     mistakes: list[Mistake] = []
     for file in sorted(place.glob("*.toml")) if place.is_dir() else [place]:

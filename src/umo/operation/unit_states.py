@@ -117,7 +117,7 @@ class UnitStates(DeclaredAttributes):
 
     def command(self, name: str) -> str:
         """Carry out a command, and return the resulting state. Raises CommandRefused if it is not possible now; then
-        nothing is changed. EquipmentFault or DriverError if a fault cannot be cleared."""
+        nothing is changed. Raises EquipmentFault or DriverError if a fault cannot be cleared."""
         if (why := self._refusal(name)) is not None:
             raise CommandRefused(f"{self.path or type(self).__name__}: {why}")
         target = self.model.commands[name][self.state]

@@ -60,7 +60,8 @@ class Point:
         return raw
 
     def words(self, raw: int) -> list[int]:
-        """The raw integer in this point's cells, in the order of their addresses; 0 in the bits of other points."""
+        """Return the raw integer in this point's cells, in the order of their addresses; 0 in the bits of other
+        points."""
         if self._scale:
             packed = struct.pack(self._floating, raw * self._scale)
         else:
@@ -69,7 +70,7 @@ class Point:
         return words[::-1] if self._little else words
 
     def raw(self, words: Sequence[int]) -> int:
-        """The raw integer that these cells hold. Raises OverflowError if they hold none."""
+        """Return the raw integer that these cells hold. Raises OverflowError if they hold none."""
         packed = struct.pack(self._layout, *(reversed(words) if self._little else words))
         if not self._scale:
             whole = int.from_bytes(packed, "big") >> self._low & (1 << self._bits) - 1
@@ -106,9 +107,9 @@ class RegisterMap:
 
 
 def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
-    """A map for each Modbus driver of `bus`, its objects joined with those of `plant` by path. Raises WiringError if
-    `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two objects would have the same
-    address.
+    """Return a map for each Modbus driver of `bus`, its objects joined with those of `plant` by path. Raises
+    WiringError if `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two objects would have
+    the same address.
     """
     _check_plant(plant)
     slots = {wire.path: slot for slot, wire in enumerate(plant.wires)}

@@ -38,7 +38,7 @@ class Pace:
         return due
 
     def left(self, now: float) -> float:
-        """Time in s until the next period is due; 0 if it is already due."""
+        """Return the time in s until the next period is due; 0 if it is already due."""
         return max(0.0, self._start + (self._passed + 1) * self._period - now)
 
 

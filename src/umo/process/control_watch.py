@@ -34,9 +34,9 @@ class ControlWatch:
         """Time at which waiting for a process that cannot be killed ends."""
 
     def is_dead(self, within: float = 0.0) -> bool:
-        """True if it has ended, so that its connections are closed. A process that is blocked in the kernel, in a call
-        of its device, counts as dead after a while, because its end cannot be awaited. During the wait the guardian's
-        signs of life are given."""
+        """Return True if it has ended, so that its connections are closed. A process that is blocked in the kernel, in
+        a call of its device, counts as dead after a while, because its end cannot be awaited. During the wait the
+        guardian's signs of life are given."""
         self._unkillable_from = self._unkillable_from or calls.now() + DEATH_TIMEOUT
         self._run_state.watch()
         return self._run_state.wait(lambda: self.process.ended, within) or calls.now() >= self._unkillable_from

@@ -59,7 +59,7 @@ class FrameWatcher:
 
     @property
     def stop(self) -> int | None:
-        """Return the number of the signal by which a client asks to end the run, or None."""
+        """The number of the signal by which a client asks to end the run, or None."""
         asked = None if self._cells is None else self._cells.stop
         return None if asked is None else asked[0]
 

@@ -118,7 +118,7 @@ class Plan:
         return source_files(self.place, self.wiring, self.machine)
 
     def all_sources(self) -> dict[str, str]:
-        """The hashes of all sources, including modules that were imported later, for example by `setup`."""
+        """Return the hashes of all sources, including modules that were imported later, for example by `setup`."""
         return self._sources() | self.sources
 
     @property

@@ -22,9 +22,9 @@ from umo.wiring.json_values import as_plain
 
 
 def job_facts(plan: Plan, kept: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
-    """The facts about a run. `kept`: the data taken over from the last run, by section. Values that are not plain data
-    (such as a driver object) are given as text. It raises no error: if the facts cannot be found, there is only
-    `error`."""
+    """Return the facts about a run. `kept`: the data taken over from the last run, by section. Values that are not
+    plain data (such as a driver object) are given as text. It raises no error: if the facts cannot be found, there is
+    only `error`."""
     try:
         return _facts(plan, kept)
     except Exception as error:  # as of options that refer to themselves

@@ -77,7 +77,7 @@ class FileSystem(Protocol):
 
 
 def path_of(station: str, wiring: str) -> Path:
-    """The file of a station and a wiring. Raises OSError if there is no folder for it."""
+    """Return the file of a station and a wiring. Raises OSError if there is no folder for it."""
     folder = state_folder() / FOLDER
     plain = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in station)[:40]
     digest = hashlib.sha256(f"{station}\0{wiring}".encode(errors="surrogateescape")).hexdigest()[:16]
@@ -176,7 +176,7 @@ def set_aside(path: Path, now: float) -> Path:
 
 
 def all_kept(station: str) -> Iterator[tuple[Path, KeptValues | KeptFileError]]:
-    """The files of a station, one for each wiring, and those whose names may be names of its files."""
+    """Return the files of a station, one for each wiring, and those whose names may be names of its files."""
     for path in sorted((state_folder() / FOLDER).glob(f"*{SUFFIX}")):
         try:
             values = read(path)

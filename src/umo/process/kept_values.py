@@ -25,7 +25,7 @@ Sections = dict[str, dict[str, Any]]
 
 
 def file_of(plan: Plan) -> Path | None:
-    """The file of a run; None if there is no folder for it."""
+    """Return the file of a run; None if there is no folder for it."""
     with suppress(OSError):
         return kept_file.path_of(plan.name, plan.wiring_name)
     return None
@@ -57,7 +57,8 @@ def take_over(plan: Plan, say: Say) -> Sections:
 
 
 def copy(plan: Plan, say: Say) -> dict[str, Any]:
-    """The kept numbers of the last run in real time, for a run in virtual time, which writes none and moves no file."""
+    """Return the kept numbers of the last run in real time, for a run in virtual time, which writes none and moves no
+    file."""
     path = file_of(plan)
     kept = {} if path is None or plan.job.fresh else _read(plan, path, say, aside=False)
     return kept.get(kept_file.NUMBERS, {})

@@ -62,7 +62,7 @@ class MessageSocket:
         return b"", []
 
     def peer_is_gone(self, within: float) -> bool:
-        """True if the other end is closed, now or `within` s. Messages from it may still be unread."""
+        """Return True if the other end is closed, now or `within` s. Messages from it may still be unread."""
         return bool(calls.ready(self._file, within, 0) & calls.HUNG_UP)
 
     def close(self) -> None:

@@ -14,8 +14,8 @@ MAX_NAME = 200
 
 
 def named_files(modules: Iterable[str], folder: Path) -> list[str]:
-    """The files of a folder, by absolute path, that these modules of it name, and the modules that they import; not the
-    given modules themselves."""
+    """Return the files of a folder, by absolute path, that these modules of it name, and the modules that they import;
+    not the given modules themselves."""
     given = {Path(each) for each in modules}
     found, waiting = set[Path](), [each for each in given if each.suffix == ".py" and each.is_relative_to(folder)]
     while waiting:

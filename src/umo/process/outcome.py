@@ -112,7 +112,7 @@ class Outcome:
 
     @property
     def stopper(self) -> str:
-        """Return the client or the signal that has requested the stop; "" if none has."""
+        """The client or the signal that has requested the stop; "" if none has."""
         return "" if self.stopped_by is None else printable(self.stopped_who) or signal_name(self.stopped_by)
 
     def dump(self) -> dict[str, Any]:

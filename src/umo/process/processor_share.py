@@ -40,8 +40,8 @@ class ProcessorShare:
 
     @property
     def kept_waiting(self) -> float:
-        """Return the time in s for which other processes certainly had the processor; on a reserved core the other
-        process must be known. 0 for a control process that had itself worked for long."""
+        """The time in s for which other processes certainly had the processor; on a reserved core the other process
+        must be known. 0 for a control process that had itself worked for long."""
         certain = not self._priority and self._core is None
         return self._waited if certain else 0.0
 

@@ -121,9 +121,9 @@ class Resetter:
         return 0 if self._reserve is None else self._reserve.pid
 
     def look(self) -> bool:
-        """True if another child has replaced one that was killed or stopped by a signal. Raises OSError if it cannot be
-        forked; that is tried again `FORK_PAUSE` s later. If the previous child has failed by itself, the next one would
-        fail, too, so a child is forked only when it is needed."""
+        """Return True if another child has replaced one that was killed or stopped by a signal. Raises OSError if it
+        cannot be forked; that is tried again `FORK_PAUSE` s later. If the previous child has failed by itself, the next
+        one would fail, too, so a child is forked only when it is needed."""
         child = self._reserve
         if child is not None and (child.ended or child.was_stopped):
             self.dismiss()

@@ -67,7 +67,7 @@ class NotBegun(UmoError, OSError):
 
 
 def worker(number: int) -> int:
-    """The holder of the lock of a worker process, by its number from 0."""
+    """Return the holder of the lock of a worker process, by its number from 0."""
     return len(Who) + number
 
 
@@ -151,13 +151,13 @@ class RunState:
         calls.unlock_mutex(self._locks[who])
 
     def holds(self, who: int) -> bool:
-        """True if this process holds that lock."""
+        """Return True if this process holds that lock."""
         return self._held.get(who) == os.getpid()
 
     def process(self, who: int) -> ProcessHandle | None:
-        """The living holder of a lock, or None if there is none, or it has just taken the lock. That it holds the lock
-        after its descriptor was opened proves that its pid does not belong to another process; the time of its start
-        proves that the pid was not left by a dead holder."""
+        """Return the living holder of a lock, or None if there is none, or it has just taken the lock. That it holds
+        the lock after its descriptor was opened proves that its pid does not belong to another process; the time of its
+        start proves that the pid was not left by a dead holder."""
         pid, started = int(self._pids[who]), int(self._starts[who])
         if not pid or self.gone(0.0, who):
             return None
@@ -166,7 +166,7 @@ class RunState:
         return handle if is_holder and not self.gone(TEST_TIME, who) and int(self._pids[who]) == pid else None
 
     def is_able(self, who: int) -> bool:
-        """True if the holder of a lock lives and can act: it was neither stopped nor killed."""
+        """Return True if the holder of a lock lives and can act: it was neither stopped nor killed."""
         process = self.process(who)
         return process is not None and not (process.is_stopped or process.is_killed)
 
@@ -277,7 +277,7 @@ class RunState:
         return (calls.boottime_ns() - self._cells[BEAT]) * 1e-9
 
     def reported(self) -> bytes:
-        """The report of the control process at its end."""
+        """Return the report of the control process at its end."""
         return _get(self._report)
 
     def conclude(self) -> None:
@@ -306,7 +306,7 @@ class RunState:
         return bool(self._cells[TOLD])
 
     def settled(self) -> bytes:
-        """The outcome; empty before there is one."""
+        """Return the outcome; empty before there is one."""
         return _get(self._outcome)
 
 

@@ -25,9 +25,9 @@ MAX_FILE_BYTES = 8 << 20
 
 
 def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, str]:
-    """The hash of each file that this process has read for a run, by its absolute path: the wiring if it is a file,
-    recipes, and every module that does not belong to umo, Python or an installed package. `place`: the folder of the
-    station, whose own modules always count, or its script. A file that cannot be read does not count."""
+    """Return the hash of each file that this process has read for a run, by its absolute path: the wiring if it is a
+    file, recipes, and every module that does not belong to umo, Python or an installed package. `place`: the folder of
+    the station, whose own modules always count, or its script. A file that cannot be read does not count."""
     folder = place.resolve()
     files = [str(wiring.resolve())] if isinstance(wiring, Path) else []
     files += [str(file) for file in _recipes(machine)]
@@ -36,8 +36,8 @@ def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, st
 
 
 def later_files(place: Path, known: Mapping[str, str]) -> dict[str, str]:
-    """The same for files in the folder of the station that its code names, and that it may read later: a module that is
-    imported in the middle of a run, a table of values."""
+    """Return the same for files in the folder of the station that its code names, and that it may read later: a module
+    that is imported in the middle of a run, a table of values."""
     folder = _folder_of(place.resolve())
     return {file: found for file in named_files(known, folder) if file not in known and (found := digest_of(file))}
 
@@ -52,7 +52,7 @@ class ChangedFile(NamedTuple):
 
 
 def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
-    """The files of a run that have changed on disk since it read them, according to the hashes in its frames
+    """Return the files of a run that have changed on disk since it read them, according to the hashes in its frames
     (`Reader.about`). Empty for a run on another computer, and for one without hashes."""
     job = about.get("job")
     if not isinstance(job, Mapping) or job.get("host") != platform.node():
@@ -138,7 +138,7 @@ def _recipes(machine: Compound) -> Iterator[Path]:
 
 
 def digest_of(file: str) -> str:
-    """The first 32 hexadecimal digits of the SHA-256; empty if the file cannot be read."""
+    """Return the first 32 hexadecimal digits of the SHA-256; empty if the file cannot be read."""
     try:
         stat = Path(file).stat()
         return _digest_of(file, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino)

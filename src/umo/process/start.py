@@ -334,9 +334,9 @@ class Started:
 
 
 def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: str, *, running: bool) -> Outcome:
-    """The outcome if no process has reported it: it is derived from the guardian's exit status, and from the control
-    process's own report, if there is one. `actuators`: the actuators of the machine, as far as known; `name`: its
-    station. `running`: whether the machine had been started."""
+    """Return the outcome if no process has reported it: it is derived from the guardian's exit status, and from the
+    control process's own report, if there is one. `actuators`: the actuators of the machine, as far as known; `name`:
+    its station. `running`: whether the machine had been started."""
     if status < 0 and left is not None:
         what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended; {INSPECT}"
         if left.failure is None:

@@ -73,7 +73,7 @@ class Station:
         return make
 
     def machine(self, **options: Any) -> Compound:
-        """A new machine, declared and not connected. The options are parameters of `machine` in objects.py."""
+        """Return a new machine, declared and not connected. The options are parameters of `machine` in objects.py."""
         return declared(self.make, f"machine() of {self.path / 'objects.py'}", options)
 
     @property
@@ -96,7 +96,7 @@ class Station:
         return {name: found[name] for name in sorted(found, key=lambda name: (name != "simulated", name))}
 
     def wiring(self, name: str | None) -> Path | None:
-        """A wiring of the station by name, or any file; None (everything simulated) if it has none."""
+        """Return a wiring of the station by name, or any file; None (everything simulated) if it has none."""
         if name is None:
             return next(iter(self.wirings.values()), None)
         if name in self.wirings:
@@ -108,7 +108,7 @@ class Station:
 
 
 def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) -> Compound:
-    """The machine that a function declares. Raises DeclarationError if it fails or returns something else."""
+    """Return the machine that a function declares. Raises DeclarationError if it fails or returns something else."""
     with raise_as(DeclarationError, f"{what} failed"), heard():
         root = make(**options)
     if not isinstance(root, Compound):
@@ -132,13 +132,13 @@ def _instead(root: object) -> str:
 
 
 def shipped() -> dict[str, Path]:
-    """The stations that ship with umo, by name."""
+    """Return the stations that ship with umo, by name."""
     return {file.parent.name: file.parent for file in sorted(SHIPPED.glob(f"*/{MARK}"))}
 
 
 def packaged(name: str) -> Path | None:
-    """The folder of the station of this name that ships with umo, or that an installed package registers (entry points
-    of the group `umo.stations`: the name, and the station's package), or None if there is none."""
+    """Return the folder of the station of this name that ships with umo, or that an installed package registers (entry
+    points of the group `umo.stations`: the name, and the station's package), or None if there is none."""
     if (folder := shipped().get(name)) is not None:
         return folder
     for point in registered(GROUP, name=name):
@@ -151,7 +151,7 @@ def packaged(name: str) -> Path | None:
 
 
 def find(name: str | Path) -> Station:
-    """The station of that name, or in that directory."""
+    """Return the station of that name, or in that directory."""
     path, text = Path(name), str(name)
     if (path / MARK).is_file():
         return Station(path.resolve().name, path.resolve())

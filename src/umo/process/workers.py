@@ -39,7 +39,7 @@ STABLE_TIME = 60.0
 
 
 def groups_of(wired: Wired) -> list[list[str]]:
-    """The names of the drivers off the cycle; those that share a device are in one group."""
+    """Return the names of the drivers off the cycle; those that share a device are in one group."""
     groups: list[tuple[set[str], list[str]]] = []
     for name, driver in wired.drivers.items():
         if isinstance(driver, OffCycle):

@@ -99,7 +99,7 @@ def signal_process(file: int, number: int) -> None:
 
 
 def stat_of(pid: int) -> str:
-    """The text of proc_pid_stat(5); empty where there is no such process."""
+    """Return the text of proc_pid_stat(5); empty where there is no such process."""
     with suppress(OSError):
         return Path(f"/proc/{pid}/stat").read_text(errors="replace")
     return ""
@@ -202,14 +202,14 @@ def message_sockets(room: int) -> tuple[Socket, Socket]:
 
 
 def socket_of(file: int) -> Socket:
-    """The socket of an inherited descriptor."""
+    """Return the socket of an inherited descriptor."""
     return socket.socket(fileno=file)
 
 
 def send_message(connection: Socket, data: bytes, files: Sequence[int] = ()) -> None:
-    """Send one message and hand over descriptors with it (SCM_RIGHTS). Never waits: OSError if there is no room for it.
-    (`socket.send_fds` and `recv_fds` drop their flags, up to Python 3.13: a call would wait for a peer whose buffer is
-    full, and started programs would inherit the received descriptors.)"""
+    """Send one message and hand over descriptors with it (SCM_RIGHTS). Never waits: raises OSError if there is no room
+    for it. (`socket.send_fds` and `recv_fds` drop their flags, up to Python 3.13: a call would wait for a peer whose
+    buffer is full, and started programs would inherit the received descriptors.)"""
     rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, struct.pack(f"{len(files)}i", *files))] if files else []
     connection.sendmsg([data], rights, socket.MSG_DONTWAIT)
 
@@ -286,7 +286,7 @@ NS = 1_000_000_000
 
 
 def wall_time() -> float:
-    """Time in s since 1970 on the clock of the day, which people can set."""
+    """Return the time in s since 1970 on the clock of the day, which people can set."""
     return time.time()
 
 

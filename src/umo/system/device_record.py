@@ -41,7 +41,7 @@ STICKY_MODE = 0o1644
 
 
 def state_folder() -> Path:
-    """This user's folder for what outlives a run; Raises OSError if there is none."""
+    """This user's folder for what outlives a run; raises OSError if there is none."""
     return folders.own(folders.lasting(), 0o755)
 
 

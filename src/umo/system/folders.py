@@ -69,7 +69,7 @@ def lasting() -> Path:
 
 
 def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """All users' folders in a place, by name, without links and files."""
+    """Return all users' folders in a place, by name, without links and files."""
     try:
         names = sorted(name for name in os.listdir(place) if name.startswith(PREFIX))
     except OSError:
@@ -85,8 +85,8 @@ def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def is_own(path: Path, is_kind: Callable[[int], bool] = stat.S_ISDIR) -> bool:
-    """True if this is a folder that belongs to this user, or a file of the given kind (such as `stat.S_ISSOCK`), and
-    not a link to one."""
+    """Return True if this is a folder that belongs to this user, or a file of the given kind (such as `stat.S_ISSOCK`),
+    and not a link to one."""
     try:
         status = path.lstat()
     except OSError:
@@ -140,8 +140,8 @@ def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryI
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """A file to write by its path, whole or not at all, for code that opens the file itself. The path has the same
-    suffix. The umask decides who may read the file."""
+    """Return a file to write by its path, whole or not at all, for code that opens the file itself. The path has the
+    same suffix. The umask decides who may read the file."""
     new = path.with_name(f".{os.getpid()}.{path.name}")
     calls.unlink(new)  # of a process that had this number before
     calls.close(calls.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666))

@@ -60,7 +60,7 @@ class ServiceManager:
 
 
 def status(text: str) -> str:
-    """The line of a message that `systemctl status` shows."""
+    """Return the line of a message that `systemctl status` shows."""
     return f"STATUS={' '.join(text.split())[:MAX_STATUS_LENGTH]}"
 
 

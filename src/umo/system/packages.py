@@ -22,19 +22,20 @@ DISTRIBUTION = "umo-machines"
 
 
 def umo_version() -> str:
-    """The version of umo that is installed, such as `0.2.0`."""
+    """Return the version of umo that is installed, such as `0.2.0`."""
     from importlib.metadata import version  # a sixth of what importing umo took
 
     return version(DISTRIBUTION)
 
 
 def how_to_install(extra: str) -> str:
-    """The command that installs the packages of an extra. umo is not on a package index yet, so it names the clone."""
+    """Return the command that installs the packages of an extra. umo is not on a package index yet, so it names the
+    clone."""
     return f'pip install ".[{extra}]" in the clone of umo'
 
 
 def package_of(folder: Path) -> str:
-    """The name under which a folder is imported as a package, wherever it lies and whatever it is called."""
+    """Return the name under which a folder is imported as a package, wherever it lies and whatever it is called."""
     folder = folder.resolve()
     if folder.parent == SHIPPED:
         return f"umo.stations.{folder.name}"

@@ -51,7 +51,7 @@ def account_of(uid: int) -> str:
 
 
 def is_own(connection: socket.socket | TransportSocket | None) -> bool:
-    """True if the process at the other end of a connection (TCP) belongs to this user."""
+    """Return True if the process at the other end of a connection (TCP) belongs to this user."""
     if connection is None:
         return False
     try:

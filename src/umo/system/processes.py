@@ -163,13 +163,13 @@ def known(pid: int, text: str) -> ProcessHandle | None:
 
 
 def parent_of_this(pid: int) -> ProcessHandle | None:
-    """The process from which this one was forked, if it still lives."""
+    """Return the process from which this one was forked, if it still lives."""
     handle = ProcessHandle(pid)
     return handle if os.getppid() == pid else None
 
 
 def is_used(pid: int) -> bool:
-    """True if some process has this number. It may be another process than before, so do nothing to it."""
+    """Return True if some process has this number. It may be another process than before, so do nothing to it."""
     try:
         calls.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -223,7 +223,7 @@ def state(pid: int) -> str:
 
 
 def parent_of(pid: int) -> int:
-    """The number of the parent of a process; 0 if there is no parent, or it is unknown."""
+    """Return the number of the parent of a process; 0 if there is no parent, or it is unknown."""
     fields = _stat(pid)
     return int(fields[PARENT]) if len(fields) > PARENT else 0
 

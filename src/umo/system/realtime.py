@@ -197,7 +197,7 @@ def choose_core(cpu: int | None, fifo: bool) -> int | None:
 
 
 def isolated_cores() -> list[int]:
-    """The cores that the kernel keeps free (isolcpus=)."""
+    """Return the cores that the kernel keeps free (isolcpus=)."""
     cores: list[int] = []
     with suppress(OSError, ValueError):
         for part in filter(None, ISOLATED.read_text().strip().split(",")):

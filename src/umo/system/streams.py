@@ -166,7 +166,7 @@ def _sender(number: int) -> tuple[Callable[[bytes], int], Callable[[], None]]:
 
 
 def is_ready(number: int, timeout: float = 0.0) -> bool:
-    """True if a descriptor accepts some bytes immediately, or within a time in s."""
+    """Return True if a descriptor accepts some bytes immediately, or within a time in s."""
     poll = select.poll()
     poll.register(number, select.POLLOUT)
     return bool(poll.poll(None if timeout == inf else timeout * 1e3))

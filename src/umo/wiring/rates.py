@@ -42,7 +42,7 @@ class RateMap(tuple[Rate, ...]):
         return {id(rate.part): number for number, rate in enumerate(self)}
 
     def number(self, node: Node | None) -> int:
-        """The part's number; `MACHINE_RATE` if the object runs at the machine's own rate."""
+        """Return the part's number; `MACHINE_RATE` if the object runs at the machine's own rate."""
         while node is not None:
             if (number := self._numbers.get(id(node))) is not None:
                 return number if self[number].every > 1 else MACHINE_RATE

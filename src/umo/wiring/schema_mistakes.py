@@ -61,7 +61,8 @@ def _keys_within(types: Mapping[str, Any], where: list[str]) -> list[str]:
 
 
 def types_of(annotation: Any) -> dict[str, Any]:
-    """The type of each key of a model of pydantic, a TypedDict or a dataclass, or of the one model in a union."""
+    """Return the type of each key of a model of pydantic, a TypedDict or a dataclass, or of the one model in a
+    union."""
     if get_origin(annotation) in (UnionType, Union):
         return next(filter(None, map(types_of, get_args(annotation))), {})
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

@@ -80,8 +80,8 @@ class Wire:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Return the range in which a sensor's value is GOOD: the declared range and half a resolution beyond it; the
-        range of a state is exact."""
+        """The range in which a sensor's value is GOOD: the declared range and half a resolution beyond it; the range of
+        a state is exact."""
         half = 0.0 if self.item._has_states else abs(self.calibration.resolution) / 2
         low, high = sorted(self.ends)
         if (linearization := self.linearization) is None:
@@ -96,7 +96,7 @@ class Wire:
 
     @property
     def default(self) -> int | None:
-        """Return the raw integer of an actuator's default; None for a sensor."""
+        """The raw integer of an actuator's default; None for a sensor."""
         return self.raw(self.item._default_value()) if isinstance(self.item, Actuator) else None
 
     def nearest(self, value: float) -> int:
@@ -270,7 +270,7 @@ class Wired:
 
     @property
     def devices(self) -> list[str]:
-        """Return every device of the machine."""
+        """Every device of the machine."""
         return sorted({device for devices in self.hardware.values() for device in devices})
 
     def texts_of(self, wires: Iterable[Wire]) -> list[str]:

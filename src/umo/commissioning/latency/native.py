@@ -21,7 +21,7 @@ SLICE_MARGIN = 30.0
 
 @contextmanager
 def compiled() -> Iterator[Path | None]:
-    """A context with the compiled program, which is deleted at its end; None without a compiler, or if compiling
+    """Return a context with the compiled program, which is deleted at its end; None without a compiler, or if compiling
     fails."""
     found = compiler()
     with tempfile.TemporaryDirectory() as folder:

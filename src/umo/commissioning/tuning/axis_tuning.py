@@ -60,11 +60,12 @@ class AxisModel:
 
     @property
     def as_good(self) -> list[ProcessModel]:
-        """Return the models that fit equally well, as `position`."""
+        """The models that fit equally well, as `position`."""
         return [_position(each) for each in self.identified.as_good]
 
     def feed_forward_with(self, gains: Gains) -> float:
-        """The feed-forward of a `Servo`: its derivative acts on the encoder, which the feed-forward compensates."""
+        """Return the feed-forward of a `Servo`: its derivative acts on the encoder, which the feed-forward
+        compensates."""
         return self.feed_forward + gains.gain * gains.derivative_time
 
 
@@ -85,7 +86,7 @@ def identify_axis(response: MeasuredResponse, sign: float = 0.0) -> AxisModel:
 
 
 def axis_sets(axis: AxisModel, dt: float) -> list[GainSet]:
-    """The gains of the `Servo`; those of its velocity loop and its position loop follow from them."""
+    """Return the gains of the `Servo`; those of its velocity loop and its position loop follow from them."""
     return gain_sets(axis.position, dt, axis.as_good)
 
 

@@ -54,9 +54,9 @@ class GainSet:
 def gain_sets(
     model: ProcessModel, dt: float, as_good: Sequence[ProcessModel] = (), derivative: bool = True
 ) -> list[GainSet]:
-    """The three sets for a loop that is closed each `dt` s, the cautious one first; with the margins of the worst of
-    the models that are `as_good`. `derivative`: whether they may have one. Raises RangeError if a set does not reach
-    its margins, or if the models differ so much that it would be much slower than the model needs."""
+    """Return the three sets for a loop that is closed each `dt` s, the cautious one first; with the margins of the
+    worst of the models that are `as_good`. `derivative`: whether they may have one. Raises RangeError if a set does not
+    reach its margins, or if the models differ so much that it would be much slower than the model needs."""
     alone, worst = SampledModels([model], dt), SampledModels([model, *as_good], dt)
     sets = []
     for name, factor in SPEEDS.items():

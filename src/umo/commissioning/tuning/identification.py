@@ -73,7 +73,7 @@ class Identified:
 
     @property
     def kinds(self) -> list[str]:
-        """Return the kinds of models that fit equally well, with the kind of `model` first."""
+        """The kinds of models that fit equally well, with the kind of `model` first."""
         return list(dict.fromkeys(each.kind for each in self.as_good))
 
     @property
@@ -84,8 +84,8 @@ class Identified:
 
 
 def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(STRUCTURES), sign: float = 0.0) -> Identified:
-    """The simplest model that describes the response about as well as any, and all that do. `sign`: the sign of its
-    gain, if known. Raises RangeError if no model does."""
+    """Return the simplest model that describes the response about as well as any, and all that do. `sign`: the sign of
+    its gain, if known. Raises RangeError if no model does."""
     response = response.thinned()
     fits = [each for kind in kinds if (each := fit_model(kind, response, sign)) is not None]
     best = min(fits, key=lambda each: each.cost, default=None)
@@ -220,7 +220,7 @@ class _Fit:
 
 
 def fit_model(kind: str, response: MeasuredResponse, sign: float = 0.0) -> _Fit | None:
-    """The best model of this kind; None if there is none with a gain of this sign (0 means any sign)."""
+    """Return the best model of this kind; None if there is none with a gain of this sign (0 means any sign)."""
     from scipy.optimize import least_squares
 
     low, high = _bounds(kind)

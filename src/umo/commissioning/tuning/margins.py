@@ -71,8 +71,8 @@ UNSTABLE_LOOP = LoopMargins(0.0, 0.0)
 
 
 def margins(model: ProcessModel, gains: Gains, dt: float) -> LoopMargins:
-    """The margins of the loop that is closed each `dt` s. Raises RangeError if the signs of the gains differ: then the
-    loop drives the measurement away."""
+    """Return the margins of the loop that is closed each `dt` s. Raises RangeError if the signs of the gains differ:
+    then the loop drives the measurement away."""
     return SampledModels([model], dt).margins(gains)
 
 
@@ -90,7 +90,7 @@ class SampledModels:
         self._unstable = np.array([float(each.structure.unstable) for each in models])
 
     def margins(self, gains: Gains) -> LoopMargins:
-        """The least margins, and the highest crossover. Raises RangeError if the signs of the gains differ."""
+        """Return the least margins, and the highest crossover. Raises RangeError if the signs of the gains differ."""
         if gains.gain * self.gain <= 0.0:
             raise RangeError(f"a gain of {gains.gain:g} drives a process of gain {self.gain:g} away from its setpoint")
         loops = self._responses * gains.frequency_response(self._frequencies, self.dt)

@@ -21,8 +21,8 @@ TIME = "time_s"
 def recorded_response(
     file: Path, columns: Sequence[str], start: float | None = None, stop: float | None = None
 ) -> MeasuredResponse:
-    """The response between these times, s, from these columns (`LawFacts.columns`). Raises OptionError if the file
-    cannot be read. Raises PathError for an object that it does not have. Raises RangeError if there are too few
+    """Return the response between these times, s, from these columns (`LawFacts.columns`). Raises OptionError if the
+    file cannot be read. Raises PathError for an object that it does not have. Raises RangeError if there are too few
     samples."""
     if not file.is_file():
         raise OptionError(f"--file {file}: {'is a folder' if file.is_dir() else 'there is no such file'}")

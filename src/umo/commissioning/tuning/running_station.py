@@ -15,7 +15,7 @@ class RunningStation(Protocol):
     reader: Reader
 
     def __getitem__(self, name: str) -> Any:
-        """The object at this path. Raises PathError if there is none."""
+        """Return the object at this path. Raises PathError if there is none."""
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Set the tunable number at this path, in its unit. Raises RangeError if it is outside of its range."""

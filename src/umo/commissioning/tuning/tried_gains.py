@@ -19,8 +19,8 @@ def check_tunable(station: RunningStation, law: str, names: Iterable[str]) -> No
 
 @contextmanager
 def trying(station: RunningStation, law: str, settings: Mapping[str, float]) -> Iterator[None]:
-    """A context in which a law has these settings, by name; at its end the old ones are restored, if the lease is still
-    held. Raises OptionError if one is not tunable, RangeError if it is outside of its range."""
+    """Return a context in which a law has these settings, by name; at its end the old ones are restored, if the lease
+    is still held. Raises OptionError if one is not tunable, RangeError if it is outside of its range."""
     check_tunable(station, law, settings)
     known = station.reader.tunables()
     paths = {f"{law}.{name}": value for name, value in settings.items()}

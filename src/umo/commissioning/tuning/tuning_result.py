@@ -87,7 +87,7 @@ class TuningResult:
         return {each.name: predicted_step(model, each.gains, dt, duration) for each in stable}
 
     def doubt(self, name: str) -> list[PredictedStep]:
-        """The predicted steps with a set, of some of the models that fit as well."""
+        """Return the predicted steps with a set, of some of the models that fit as well."""
         found = self.identified.as_good if self.axis is None else self.axis.as_good
         stable = [each for each in found if not each.structure.unstable]
         times, gains = self.steps[name].times, self.set_of(name).gains
@@ -141,7 +141,7 @@ def check_tunable(identified: Identified) -> None:
 
 
 def residence_time(model: ProcessModel) -> float:
-    """The average residence time of a process that does not integrate, s."""
+    """Return the average residence time of a process that does not integrate, s."""
     return model.dead_time + sum(model.lags)
 
 

@@ -65,7 +65,7 @@ class InjectedFault:
 
     @classmethod
     def parse(cls, text: str) -> InjectedFault:
-        """The fault that a text describes."""
+        """Return the fault that a text describes."""
         found = _TEXT.fullmatch(text.strip())
         head = found["head"].split() if found else []
         if found is None or len(head) < 2:

@@ -46,9 +46,9 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
     integer of a float has 48 bits with its sign; readings are rounded, half to even. Where the model description has
     a unit that pint knows, a wiring is checked against SCALE in that unit.
 
-    Errors: DriverError with the model's own message. After an error, or a step that it could not complete, the model
-    cannot be used until it is opened again. A value that is NaN, infinite or too large fails for its channel alone. A
-    call into a model cannot be interrupted: `timeout` does not bound it.
+    Errors: raises DriverError with the model's own message. After an error, or a step that it could not complete, the
+    model cannot be used until it is opened again. A value that is NaN, infinite or too large fails for its channel
+    alone. A call into a model cannot be interrupted: `timeout` does not bound it.
     """
 
     simulates_time = True
@@ -142,8 +142,8 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
         return bool(self._opened().lost)
 
     def report(self) -> Mapping[str, Any]:
-        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None. If the
-        model does not give a value, the reason."""
+        """Return the model's time in s and its outputs, at most 40, in its units; a value that is not finite is None.
+        If the model does not give a value, the reason."""
         instance = self._opened()
         found: dict[str, Any] = {"time_s": round(instance.time, 9)}
         outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]

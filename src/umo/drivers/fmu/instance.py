@@ -171,8 +171,8 @@ class FmuInstance:
         return self.ended or not self.lost
 
     def value(self, variable: Any) -> Any:
-        """The present value of a variable, in its unit, as plain data: a list for an array, hexadecimal digits for
-        bytes. None if it is not finite, for a clock, and for an array of more than 1,000 numbers. A model that has
+        """Return the present value of a variable, in its unit, as plain data: a list for an array, hexadecimal digits
+        for bytes. None if it is not finite, for a clock, and for an array of more than 1,000 numbers. A model that has
         ended still has its last values."""
         kind = kind_of(self.description, variable)
         shape = shape_of(self.description, variable)
@@ -189,7 +189,7 @@ class FmuInstance:
         return arranged([_plain(each, kind) for each in buffer], shape)
 
     def call(self, function: Any, *arguments: Any) -> Any:
-        """A call of FMI. Raises DriverError if the model refuses it, has failed before or has ended."""
+        """Return a call of FMI. Raises DriverError if the model refuses it, has failed before or has ended."""
         if self.lost:
             raise DriverError(self.lost)
         return self._call(function, *arguments)

@@ -112,7 +112,7 @@ def variables_of(description: Any) -> Mapping[str, Any]:
 
 
 def channel_of(description: Any, text: str) -> FmuChannel:
-    """The channel of this text: `NAME`, `NAME:SCALE` or `tick`. ChannelError names the nearest variables."""
+    """Return the channel of this text: `NAME`, `NAME:SCALE` or `tick`. ChannelError names the nearest variables."""
     variables = variables_of(description)
     if text == TICK:
         return FmuChannel(text, Direction.INPUT, 31)
@@ -234,13 +234,14 @@ def _parted(text: str) -> tuple[str, float | None]:
 
 
 def kind_of(description: Any, variable: Any) -> str:
-    """The type in the names of FMI's functions, which transfer an enumeration as an integer."""
+    """Return the type in the names of FMI's functions, which transfer an enumeration as an integer."""
     kind: str = variable.type
     return kind if kind != "Enumeration" else "Int64" if description.fmiVersion.startswith("3.") else "Integer"
 
 
 def shape_of(description: Any, variable: Any) -> tuple[int, ...]:
-    """The sizes of an array, () for a single value. If a size is a structural parameter, its start value is used."""
+    """Return the sizes of an array, () for a single value. If a size is a structural parameter, its start value is
+    used."""
     if not variable.dimensions:
         return ()
     starts = {each.valueReference: each.start for each in description.modelVariables}

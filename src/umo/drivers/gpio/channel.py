@@ -60,7 +60,7 @@ class GpioChannel(Channel):
 
 
 def parse(text: str, defaults: Settings) -> GpioChannel:
-    """The channel that the text names; settings that the text does not give have the defaults."""
+    """Return the channel that the text names; settings that the text does not give have the defaults."""
     what, *words = text.split(" ")
     kind, _, place = what.partition(":")
     settings = defaults

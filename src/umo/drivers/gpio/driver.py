@@ -69,8 +69,8 @@ class Gpio(BlockDriver[GpioChannel]):
         return channel
 
     def devices(self) -> Sequence[str]:
-        """The chip's device file, regardless of how the option names it; a chip that does not exist, as the option
-        names it."""
+        """Return the chip's device file, regardless of how the option names it; a chip that does not exist, as the
+        option names it."""
         if self._library is not None:
             from umo.drivers.gpio.chip import path_of
 

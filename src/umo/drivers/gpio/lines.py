@@ -145,7 +145,7 @@ class Lines:
         return LineTransfer(self, channels)
 
     def offsets(self, channel: GpioChannel) -> list[int]:
-        """The numbers of the channel's lines."""
+        """Return the numbers of the channel's lines."""
         found = [self._offset(line) for line in channel.lines]
         if len(set(found)) != len(found):
             raise DriverError(f"{channel.text} names a line twice")

@@ -70,7 +70,7 @@ class EdgeCount:
 
 
 def line_settings(settings: Settings, level: Value | None, edges: str = "") -> gpiod.LineSettings:
-    """The settings of a line: an output at this level, or an input."""
+    """Return the settings of a line: an output at this level, or an input."""
     output = level is not None
     return gpiod.LineSettings(
         direction=Direction.OUTPUT if output else Direction.INPUT,

@@ -50,7 +50,7 @@ class IioChannel(Channel):
         return (self.name,)
 
     def raw(self, text: str) -> int:
-        """The raw integer in a file of the kernel. Raises DriverError if there is none."""
+        """Return the raw integer in a file of the kernel. Raises DriverError if there is none."""
         if self.scale is None:
             return _integer(text)
         try:
@@ -120,7 +120,7 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
     # Before open ---------------------------------------------------------------------------------------
 
     def channel(self, text: str) -> IioChannel:
-        """The channel with this text, which must be one of the device, if that is present."""
+        """Return the channel with this text, which must be one of the device, if that is present."""
         name, colon, given = text.partition(":")
         match = _NAME.fullmatch(name)
         folder = self._there()
@@ -141,7 +141,7 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
         return IioChannel(text, direction, bits, signed, name, scale)
 
     def devices(self) -> Iterable[str]:
-        """The device by its number, or by the given name if it is not present."""
+        """Return the device by its number, or by the given name if it is not present."""
         folder = self._there()
         return [f"iio {self.device if folder is None else folder.name}"]
 

@@ -60,7 +60,7 @@ class ScanLayout:
 
     @classmethod
     def of(cls, elements: Iterable[tuple[str, int, ScanType]]) -> ScanLayout:
-        """The layout of elements, each as (channel, index, type)."""
+        """Return the layout of elements, each as (channel, index, type)."""
         places, end, widest = {}, 0, 1
         for name, _, kind in sorted(elements, key=lambda element: element[1]):
             size = kind.storage // 8
@@ -127,7 +127,8 @@ class Scan:
         os.close(self._fd)
 
     def newest(self, oldest: float, deadline: float) -> dict[str, int]:
-        """The values of the newest scan, no older than `oldest` s; a DeviceTimeout if there is none by the deadline."""
+        """Return the values of the newest scan, no older than `oldest` s; a DeviceTimeout if there is none by the
+        deadline."""
         full = self._drain()
         while full or not self._values or monotonic() - self._taken_at > oldest:
             left = deadline - monotonic()
@@ -153,7 +154,7 @@ class Scan:
 
 
 def trigger_named(name: str) -> Path:
-    """The folder of the trigger; DriverError names those that exist."""
+    """Return the folder of the trigger; DriverError names those that exist."""
     folders = {text_in(folder / "name"): folder for folder in numbered(sysfs.SYSFS, "trigger")}
     try:
         return folders[one_named("trigger", name, dict.fromkeys(folders, ()))]

@@ -47,7 +47,7 @@ UNITS = {
 
 
 def find(device: str) -> Path:
-    """The sysfs folder of the device with this name, label or number (`iio:device0`)."""
+    """Return the sysfs folder of the device with this name, label or number (`iio:device0`)."""
     there = {
         folder.name: [text_in(folder / "name"), text_in(folder / "label")] for folder in numbered(SYSFS, "iio:device")
     }
@@ -55,7 +55,7 @@ def find(device: str) -> Path:
 
 
 def channels(folder: Path) -> list[str]:
-    """The channels that have a raw value, and the processed values."""
+    """Return the channels that have a raw value, and the processed values."""
     raw = sorted(file.name.removesuffix("_raw") for file in folder.glob("*_raw") if _DIRECTED.match(file.name))
     return raw + sorted(file.name for file in folder.glob("in_*_input"))
 
@@ -103,5 +103,5 @@ def _names(channel: str) -> Iterator[str]:
 
 
 def place(folder: Path) -> str:
-    """The character device of a device's buffers."""
+    """Return the character device of a device's buffers."""
     return str(DEV / os.path.basename(os.path.realpath(folder)))

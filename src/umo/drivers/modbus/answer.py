@@ -27,7 +27,7 @@ class Refused(DriverError):
 
 
 def answer_size(request: bytes) -> int:
-    """Number of bytes of the normal answer to a request."""
+    """Return the number of bytes of the normal answer to a request."""
     return 3 + _data_size(request) if _reads(request) else 8 if request[1] == MASK_WRITE else 6
 
 
@@ -43,7 +43,7 @@ def check(request: bytes, answer: bytes) -> None:
 
 
 def cells_of(answer: bytes) -> Sequence[int]:
-    """The cells of a checked answer: registers, or bits, including those that fill its last byte."""
+    """Return the cells of a checked answer: registers, or bits, including those that fill its last byte."""
     if answer[1] <= 2:
         return [byte >> bit & 1 for byte in answer[3:] for bit in range(8)]
     return unpack_from(f">{answer[2] // 2}H", answer, 3)
@@ -61,7 +61,7 @@ def check_start(request: bytes, answer: bytes) -> None:
 
 
 def answer_starts(request: bytes) -> tuple[bytes, bytes]:
-    """The first bytes of the answer to a request, and of an exception answer to it."""
+    """Return the first bytes of the answer to a request, and of an exception answer to it."""
     third = _data_size(request) if _reads(request) else request[2]
     return bytes([*request[:2], third]), bytes([request[0], request[1] | 0x80])
 

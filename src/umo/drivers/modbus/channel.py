@@ -143,7 +143,8 @@ class ModbusChannel(Channel):
         return self._laid((1 << 16 * self.cells) - 1 if self.low is None else (1 << self.bits) - 1 << self.low)
 
     def raw(self, words: Sequence[int]) -> int:
-        """The raw integer that its registers hold. Raises DriverError for one that is not of 64 bits with a sign."""
+        """Return the raw integer that its registers hold. Raises DriverError for one that is not of 64 bits with a
+        sign."""
         if self.scale:
             return self._rounded(self.number(words), words)
         raw = int(self.number(words))
@@ -151,7 +152,7 @@ class ModbusChannel(Channel):
         return raw
 
     def number(self, words: Sequence[int]) -> float:
-        """The number that its registers hold, without division by a scale."""
+        """Return the number that its registers hold, without division by a scale."""
         whole = 0
         for word in reversed(words) if self.little else words:
             whole = whole << 16 | (_exchanged(word) if self.swapped else word)
@@ -171,7 +172,7 @@ class ModbusChannel(Channel):
         return self._laid(raw if self.low is None else (raw & (1 << self.bits) - 1) << self.low)
 
     def in_each_order(self, words: Sequence[int]) -> str:
-        """The number that these registers hold, in each order of their bytes: "ABCD 238.7 (wired), CDAB ..."."""
+        """Return the number that these registers hold, in each order of their bytes: "ABCD 238.7 (wired), CDAB ..."."""
         shown = []
         for name, (little, swapped) in (ORDERS if self.cells > 1 else SINGLE_ORDERS).items():
             number = replace(self, little=little, swapped=swapped).number(words)
@@ -205,8 +206,8 @@ def _exchanged(word: int) -> int:
 
 
 def parse(text: str, *, little: bool = False, swapped: bool = False, unit: int = 1) -> ModbusChannel:
-    """The channel that the text names; `little`: the low word of several comes first; `swapped`: the low byte of each
-    register comes first; both apply if the text gives no order."""
+    """Return the channel that the text names; `little`: the low word of several comes first; `swapped`: the low byte of
+    each register comes first; both apply if the text gives no order."""
     match = _TEXT.fullmatch(text)
     if match is None:
         raise ChannelError(text, FORMS)

@@ -154,7 +154,7 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         return replace(channel, masked=True) if self._mask_write and channel.low is not None else channel
 
     def devices(self) -> Sequence[str]:
-        """The host's addresses and port, or the device file; without the unit, as units share the device."""
+        """Return the host's addresses and port, or the device file; without the unit, as units share the device."""
         return self.place.devices()
 
     def open(self) -> None:

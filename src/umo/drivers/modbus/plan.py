@@ -82,8 +82,8 @@ class Request:
             raise ChannelsFailed(failed)
 
     def encode(self, raws: Sequence[int]) -> list[int]:
-        """The cells that carry these values, 0 in all other bits; a value that does not fit is an error, never cut
-        off."""
+        """Return the cells that carry these values, 0 in all other bits; a value that does not fit is an error, never
+        cut off."""
         cells = [0] * self.count
         for place, offset, _, lowest, highest in self.singles:
             raw = raws[place]
@@ -96,7 +96,7 @@ class Request:
         return cells
 
     def completed(self, cells: Sequence[int], contents: Mapping[int, int]) -> list[int]:
-        """The cells, completed with the other bits of partial ones from the contents of registers by their
+        """Return the cells, completed with the other bits of partial ones from the contents of registers by their
         addresses."""
         whole = list(cells)
         for offset in self.partial:
@@ -104,7 +104,7 @@ class Request:
         return whole
 
     def span(self, offsets: Sequence[int]) -> Request:
-        """The reading of the cells between these offsets, the first and the last included."""
+        """Return the reading of the cells between these offsets, the first and the last included."""
         return Request(self.table, self.address + offsets[0], offsets[-1] - offsets[0] + 1, ())
 
     def check_taken(self, cells: Sequence[int], read_back: Sequence[int]) -> None:
@@ -127,7 +127,7 @@ _Key = tuple[str, int, int, tuple[int, ...]]
 
 
 def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False, most_registers: int = 125) -> Requests:
-    """The reads that serve all the channels: runs of one table, over small gaps too if `bridge_gaps`."""
+    """Return the reads that serve all the channels: runs of one table, over small gaps too if `bridge_gaps`."""
 
     def joins(end: int, channel: ModbusChannel) -> bool:
         return channel.address <= end + (channel.table.bridge if bridge_gaps else 0)
@@ -139,7 +139,7 @@ def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False, 
 
 
 def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123, masking: bool = False) -> Requests:
-    """The writes that serve all the channels: runs without gaps, as no value was commanded for cells in between.
+    """Return the writes that serve all the channels: runs without gaps, as no value was commanded for cells in between.
 
     The fields of a register are written together. `masking`: a register with some of its bits is a request of its own.
     Channels that share a bit are written one by one in the order given, so that the last one remains.
@@ -221,8 +221,8 @@ class WriteCache:
         self._confirmed: dict[_Key, tuple[list[int], float]] = {}
 
     def covers(self, request: Request, cells: list[int], now: float) -> bool:
-        """True if exactly these values were confirmed less than `keep` s ago, and nothing was written to the cells
-        since."""
+        """Return True if exactly these values were confirmed less than `keep` s ago, and nothing was written to the
+        cells since."""
         cells_then, then = self._confirmed.get(_key(request), ((), 0.0))
         return cells_then == cells and now - then < self._keep
 

@@ -29,14 +29,14 @@ def answer_end(request: bytes, data: bytes) -> int:
 
 
 def is_answer(request: bytes, data: bytes) -> bool:
-    """True if the data is the answer to the request and nothing else."""
+    """Return True if the data is the answer to the request and nothing else."""
     return 0 < _end(request, data) == len(data)
 
 
 def has_come(request: bytes, data: bytes) -> bool:
-    """True if the bytes received since the request are its answer, damaged on the line, so that no other answer will
-    come. They are if they contain the answer among other bytes, or its beginning with unit, function and a third byte,
-    or as many bytes as the answer has with two of these right. An intact frame that is not the answer is that of
+    """Return True if the bytes received since the request are its answer, damaged on the line, so that no other answer
+    will come. They are if they contain the answer among other bytes, or its beginning with unit, function and a third
+    byte, or as many bytes as the answer has with two of these right. An intact frame that is not the answer is that of
     another unit, or to another request."""
     if any(_end(request, data[at:]) for at in range(len(data))):
         return True

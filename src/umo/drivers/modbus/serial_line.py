@@ -219,5 +219,6 @@ class SerialLine:
 
 
 def silence(place: Serial) -> float:
-    """Time in s between two frames: 3.5 characters, or 1.75 ms above 19200 baud (Modbus over Serial Line, 2.5.1.1)."""
+    """Return the time in s between two frames: 3.5 characters, or 1.75 ms above 19200 baud (Modbus over Serial Line,
+    2.5.1.1)."""
     return 3.5 * place.character if place.baudrate <= 19200 else 1.75e-3

@@ -188,7 +188,7 @@ class DeviceServer:
                 self._due = max(self._due, round(self._absence.due * 1e9))
 
     def seconds_left(self) -> float:
-        """The time in s to the next transfer."""
+        """Return the time in s to the next transfer."""
         return (self._due - self.ns()) * 1e-9
 
     def _transfer(self) -> None:

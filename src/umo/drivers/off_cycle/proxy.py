@@ -37,11 +37,11 @@ class Worker:
     """The worker process of a driver, as seen by the processes that send it requests."""
 
     def is_gone(self) -> bool:
-        """True if the worker process has ended."""
+        """Return True if the worker process has ended."""
         raise NotImplementedError
 
     def silence(self) -> float:
-        """Time in s since the last sign of life of the worker process."""
+        """Return the time in s since the last sign of life of the worker process."""
         raise NotImplementedError
 
 
@@ -87,7 +87,8 @@ class OffCycle(Wrapper):
     # Requests ------------------------------------------------------------------------------------------
 
     def request(self, call: str, **content: Any) -> Any:
-        """Request a call of the driver, and wait for its answer. DeviceTimeout if the worker gives no sign of life."""
+        """Request a call of the driver, and wait for its answer. Raises DeviceTimeout if the worker gives no sign of
+        life."""
         request = {"call": call, "timeout": self.driver.timeout, "now": self.fault_time(), **content}
         answer = self.server.perform(request) if self.worker is None else self._ask(self.worker, request)
         if "error" in answer:
@@ -219,7 +220,7 @@ class OffCycle(Wrapper):
         self.exchange.wanted.post(wanted)
 
     def order(self, number: int) -> int:
-        """The number of the last order for a channel, by the channel's number."""
+        """Return the number of the last order for a channel, by the channel's number."""
         return int(self._wanted[Wanted.ORDER, number])
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
@@ -227,20 +228,20 @@ class OffCycle(Wrapper):
         self.request = self.exchange.wanted.post = instead  # type: ignore[method-assign]
 
     def places(self, channels: Sequence[Channel]) -> IntArray:
-        """The numbers of channels; a plan is kept for each tuple of them."""
+        """Return the numbers of channels; a plan is kept for each tuple of them."""
         key = tuple(channels)
         if (places := self._plans.get(key)) is None:
             places = self._plans[key] = np.array([self.exchange.place[each.text] for each in key], np.int64)
         return places
 
     def carried_out(self, number: int, place: int, rows: IntArray) -> bool:
-        """True if an order for a channel, both given by number, was already carried out when these values were
+        """Return True if an order for a channel, both given by number, was already carried out when these values were
         posted."""
         return bool(rows[Row.ORDER, place] >= number)
 
     def times(self, places: IntArray, stamps: IntArray, now: float, now_ns: int) -> npt.NDArray[np.float64]:
-        """The times in s on the cycle's clock of values of these channels, by their stamps; NaN for values that never
-        arrived. The clock showed `now` at `now_ns`."""
+        """Return the times in s on the cycle's clock of values of these channels, by their stamps; NaN for values that
+        never arrived. The clock showed `now` at `now_ns`."""
         return np.where(stamps == NO_TIME, np.nan, now - (now_ns - stamps) * 1e-9)  # below 0: since the last tick
 
     def cause(self, number: int) -> str:

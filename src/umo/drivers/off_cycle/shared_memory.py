@@ -116,7 +116,7 @@ class Banks:
 
     @staticmethod
     def words(shape: tuple[int, ...]) -> int:
-        """The size of two banks for rows of this shape, int64."""
+        """Return the size of two banks for rows of this shape, int64."""
         return 2 * (BANK_HEAD + prod(shape))
 
     @property
@@ -201,8 +201,8 @@ class Exchange:
         return number
 
     def asked(self) -> tuple[int, dict[str, Any]] | None:
-        """The request that is not answered yet, with its number. Also None while a request replaces another one that
-        nobody waits for any more."""
+        """Return the request that is not answered yet, with its number. Also None while a request replaces another one
+        that nobody waits for any more."""
         number = int(self.cells[Cell.REQUESTED])
         return None if number == self.cells[Cell.ANSWERED] else _of_number(self._request, number)
 

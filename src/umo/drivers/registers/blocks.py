@@ -83,7 +83,7 @@ def plan(channels: Sequence[RegisterChannel], *, joined: bool, max_size: int) ->
 
 
 def places_of(page: int | None, address: int, size: int, *, joined: bool) -> tuple[Hashable, ...]:
-    """The places of bytes in a chip, which counts its addresses in bytes (`joined`) or in registers."""
+    """Return the places of bytes in a chip, which counts its addresses in bytes (`joined`) or in registers."""
     return tuple((page, address + i) if joined else (page, address, i) for i in range(size))
 
 

@@ -107,7 +107,7 @@ class RegisterChannel(Channel):
         return register.address + byte, bit % 8
 
     def decode(self, contents: int) -> int:
-        """The raw integer in a register's contents. Raises DriverError if it is too large for an int64."""
+        """Return the raw integer in a register's contents. Raises DriverError if it is too large for an int64."""
         raw = contents >> self.low & (1 << self.bits) - 1
         sign = 1 << self.bits - 1 if self.signed else 0
         raw = (raw ^ sign) - sign
@@ -115,7 +115,7 @@ class RegisterChannel(Channel):
         return raw
 
     def encode(self, raw: int, contents: int) -> int:
-        """A register's contents with this raw integer in its place; `fits` was checked."""
+        """Return a register's contents with this raw integer in its place; `fits` was checked."""
         if self.whole:
             return (raw & (1 << self.bits) - 1) << self.low
         mask = (1 << self.bits) - 1 << self.low

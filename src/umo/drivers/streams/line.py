@@ -49,7 +49,7 @@ class Serial:
         one_of("flow", self.flow, get_args(Flow))
 
     def devices(self) -> Sequence[str]:
-        """The device file itself, even if the option names a link to it."""
+        """Return the device file itself, even if the option names a link to it."""
         return [f"serial {os.path.realpath(self.path)}"]
 
     def prepared(self) -> bool:

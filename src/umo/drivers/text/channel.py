@@ -149,8 +149,7 @@ class TextChannel(Channel):
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """Return the request that the channel sets; for an input its request, and the part of the answer that it
-        uses."""
+        """The request that the channel sets; for an input its request, and the part of the answer that it uses."""
         if self.setting is not None:
             return (self.setting.place,)
         assert self.reading is not None
@@ -168,7 +167,7 @@ class TextChannel(Channel):
         return (setting.acknowledge, setting.confirm, setting.ends) if setting else (None, None, DRIVERS_ENDS)
 
     def raw(self, line: str) -> int:
-        """The raw integer in an answer."""
+        """Return the raw integer in an answer."""
         assert self.reading is not None
         raw = self.reading.raw(line)
         lowest, highest = self.limits

@@ -171,11 +171,11 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
         return self._channels.named(text)
 
     def devices(self) -> Sequence[str]:
-        """The host's addresses and port, or the device file."""
+        """Return the host's addresses and port, or the device file."""
         return self.place.devices()
 
     def physical_scale(self, channel: TextChannel) -> PhysicalScale | None:
-        """The scale of a channel that has units; zero_offset is 0."""
+        """Return the scale of a channel that has units; zero_offset is 0."""
         return channel.physical
 
     def open(self) -> None:

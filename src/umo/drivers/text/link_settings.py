@@ -31,15 +31,15 @@ class LinkSettings:
     skip_empty_lines: bool
 
     def encoded(self, request: str, ends: Ends) -> bytes:
-        """The bytes of a request with its terminator."""
+        """Return the bytes of a request with its terminator."""
         terminator = self.terminator if ends.request is None else ends.request
         return (request + terminator).encode(self.encoding)
 
     def end(self, ends: Ends) -> bytes:
-        """The bytes that end its answer."""
+        """Return the bytes that end its answer."""
         return (ends.answer or self.answer_terminator).encode(self.encoding)
 
 
 def is_blank(line: bytes) -> bool:
-    """True if a line has blanks only."""
+    """Return True if a line has blanks only."""
     return not line.strip(LINE_BLANKS.encode())

@@ -129,8 +129,8 @@ class RawOf:
 
 
 def raw_of(text: str, scale: Decimal | None) -> int:
-    """The number in the text divided by the scale, to the nearest whole number, half to even; exact for any digits.
-    Without a scale the number must be whole.
+    """Return the number in the text divided by the scale, to the nearest whole number, half to even; exact for any
+    digits. Without a scale the number must be whole.
 
     Raises UnexpectedAnswer for a text that is not a number, and NoValue for NAN and INF, and for 9.9E37 (infinity) and
     9.91E37 (not a number) of SCPI-1999, volume 1, section 7.2.1.

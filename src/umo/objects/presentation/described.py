@@ -77,7 +77,7 @@ class Described:
 
     @property
     def unit(self) -> str:
-        """Return the unit as declared, "mm/s**2"; "" if there is none."""
+        """The unit as declared, "mm/s**2"; "" if there is none."""
         return str(self.plain.get("unit") or "")
 
     @property
@@ -141,13 +141,13 @@ class Described:
         return digits_of(float(self.resolution), self.zero_offset) if self.resolution else None
 
     def state(self, value: float) -> str:
-        """The name of a state; the number as a text if it is not a state."""
+        """Return the name of a state; the number as a text if it is not a state."""
         if self.is_binary:
             return self.states[int(value > 0.5)]
         return self.states.get(int(value), number_text(value))
 
     def value(self, value: float) -> float | str:
-        """The name of its state, or the number."""
+        """Return the name of its state, or the number."""
         return value if self.is_number or not isfinite(value) else self.state(value)
 
     def text(self, *values: float) -> str:

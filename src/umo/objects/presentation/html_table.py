@@ -22,7 +22,7 @@ STYLE = (
 
 
 def heading(title: str, facts: Mapping[str, str]) -> str:
-    """A line with the facts that are not empty."""
+    """Return a line with the facts that are not empty."""
     said = (f"{escape(name)}: {escape(text)}" for name, text in facts.items() if text)
     return f"<div><b>{escape(title)}</b> &ensp;{' · '.join(said)}</div>"
 

@@ -29,12 +29,12 @@ def is_word(character: str) -> bool:
 
 
 def is_encodable(character: str) -> bool:
-    """True if UTF-8 can encode the character. A folder's name may have others, which stand for bytes."""
+    """Return True if UTF-8 can encode the character. A folder's name may have others, which stand for bytes."""
     return not 0xD800 <= ord(character) < 0xE000
 
 
 def is_text(character: str) -> bool:
-    """True if a UTF-8 text of MQTT or OPC UA may have the character. A slash divides texts and is excluded."""
+    """Return True if a UTF-8 text of MQTT or OPC UA may have the character. A slash divides texts and is excluded."""
     code = ord(character)
     is_control = code < 0x20 or 0x7F <= code < 0xA0
     is_no_character = code & 0xFFFE == 0xFFFE or 0xFDD0 <= code < 0xFDF0
@@ -42,7 +42,7 @@ def is_text(character: str) -> bool:
 
 
 def is_topic(character: str) -> bool:
-    """True if one level of a topic of MQTT may have the character."""
+    """Return True if one level of a topic of MQTT may have the character."""
     return is_text(character) and character not in "+#"
 
 
@@ -62,8 +62,8 @@ def unescaped(text: str) -> str:
 
 
 def shortened(identity: str, length: int) -> str:
-    """An identity with at most this number of characters. The end of a longer one is replaced by a digest of the whole.
-    The same is done to an identity that looks shortened, because it could equal a shortened one."""
+    """Return an identity with at most this number of characters. The end of a longer one is replaced by a digest of the
+    whole. The same is done to an identity that looks shortened, because it could equal a shortened one."""
     if len(identity) < length or (len(identity) == length and not _LOOKS_CUT.search(identity)):
         return identity
     return f"{identity[: length - DIGEST - 1]}.{sha256(identity.encode()).hexdigest()[:DIGEST]}"
@@ -93,7 +93,7 @@ class Identities:
         return escaped(name, self.kept)
 
     def path(self, identity: str) -> str:
-        """The path of an identity without a kind."""
+        """Return the path of an identity without a kind."""
         return ".".join(map(unescaped, identity.split(self.separator)))
 
 

@@ -64,8 +64,8 @@ def fault_texts(faults: Mapping[str, str]) -> list[str]:
 
 
 def driven_text(actuators: Iterable[tuple[Described, float, bool]], holder: str) -> str:
-    """The actuators that are away from their defaults in manual mode, and why: `spindle 240 rpm (its law), clamp ON
-    (held, or its law)`. `actuators`: each object, its value, whether a client has taken it."""
+    """Return the actuators that are away from their defaults in manual mode, and why: `spindle 240 rpm (its law), clamp
+    ON (held, or its law)`. `actuators`: each object, its value, whether a client has taken it."""
     found = [each for each in actuators if each[0].default is not None and each[1] != each[0].default]
     shown = found[:MAX_DRIVEN]
     texts = [f"{about.path} {about.text(value)} ({_cause(about, taken, holder)})" for about, value, taken in shown]

@@ -51,7 +51,7 @@ def shown_unit(unit: str) -> str:
 
 
 def measure(value: float, unit: str, digits: int | None = None) -> str:
-    """A number with its unit, for messages: `12.5 mm/s²`, `nan mm`."""
+    """Return a number with its unit, for messages: `12.5 mm/s²`, `nan mm`."""
     text = number_text(value, digits) if isfinite(value) else str(float(value))
     return f"{text} {shown_unit(unit)}".rstrip()
 

@@ -112,13 +112,13 @@ def _write(stream: FileIO, data: bytes, size: int) -> None:
 
 
 def older(file: Path) -> Path:
-    """The file of the older generation."""
+    """Return the file of the older generation."""
     return file.with_name(f"{file.name}.1")
 
 
 def read(file: Path) -> list[AlarmRecord]:
-    """The records that are kept, oldest first. Raises UmoError if a file cannot be read. A file that does not exist
-    counts as empty."""
+    """Return the records that are kept, oldest first. Raises UmoError if a file cannot be read. A file that does not
+    exist counts as empty."""
     found: list[AlarmRecord] = []
     for each in (older(file), file):
         try:

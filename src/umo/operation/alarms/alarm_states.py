@@ -98,7 +98,7 @@ _UNASKED = {
 
 
 def operations(state: AlarmState) -> frozenset[Operation]:
-    """The operations of a client that lead an alarm from this state to another one."""
+    """Return the operations of a client that lead an alarm from this state to another one."""
     found = {operation for (at, operation), to in _PLAIN.items() if at is state and to is not state}
     return frozenset(each for each in found if each > Operation.CANNOT_EVALUATE)
 

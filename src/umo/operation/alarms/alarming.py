@@ -108,7 +108,7 @@ class Latched:
         """The interlocks of the connected machine."""
 
     def __call__(self) -> bool:
-        """True if the interlock inhibits; UmoError while its condition cannot be evaluated."""
+        """Return True if the interlock inhibits; raises UmoError while its condition cannot be evaluated."""
         if self._number >= len(self.inhibitions):
             return False
         inhibition = self.inhibitions[self._number]
@@ -151,7 +151,7 @@ def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: st
 
 
 def named(alarms: AlarmEngine, path: str) -> Sequence[int]:
-    """The numbers of the alarms that a path or pattern names."""
+    """Return the numbers of the alarms that a path or pattern names."""
     found: Sequence[int] = alarms.below.get(path, ())
     if not found and is_pattern(path):
         found = places_below(path, alarms.paths)

@@ -79,7 +79,7 @@ class DeclaredAlarm:
 
 
 def has_alarms(root: Compound) -> bool:
-    """True if a class of the machine has the keyword `alarms`."""
+    """Return True if a class of the machine has the keyword `alarms`."""
     return any(isinstance(node, Compound) and node._settings.alarms for node in (root, *walk(root)))
 
 

@@ -270,6 +270,6 @@ def _joined(request: AlarmRequest, waiting: tuple[AlarmRequest, ...]) -> tuple[A
 
 
 def told_text(state: AlarmState, declared: DeclaredAlarm, words: str = "") -> str:
-    """The text of an event: `unacknowledged (high): the tank is too full`, then more words."""
+    """Return the text of an event: `unacknowledged (high): the tank is too full`, then more words."""
     alarm = declared.alarm
     return f"{state} ({alarm.priority}): {alarm.text}" + (f"; {words}" if words else "")

@@ -45,7 +45,7 @@ class WriteTrace(AttachedPart):
 
     @action(harmless=True, count=Range("", 1, 10_000))
     def last(self, path: str, count: int = 10) -> list[dict[str, Any]]:
-        """The last writes of an actuator, the newest last: time in s, value, who wrote it, and whether it was
+        """Return the last writes of an actuator, the newest last: time in s, value, who wrote it, and whether it was
         accepted."""
         if path not in self._writes:
             raise PathError(f"nothing has been written to {path!r}{did_you_mean(path, self._writes)}")

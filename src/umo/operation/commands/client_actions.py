@@ -88,7 +88,7 @@ class ClientActions:
 
     @property
     def held(self) -> list[str]:
-        """Return the paths under dead-man control."""
+        """The paths under dead-man control."""
         return list(self._held)
 
     # Begun ---------------------------------------------------------------------------------------------

@@ -110,8 +110,8 @@ class Lease:
         self._signed = 0.0
 
     def acquire(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
-        """Take the lease. Return True if it was taken over from another client. LeaseHeld while another client has it,
-        unless `over`."""
+        """Take the lease. Return True if it was taken over from another client. Raises LeaseHeld while another client
+        has it, unless `over`."""
         others = bool(self.holder) and key != self._key
         if others and not over:
             raise LeaseHeld(f"{self.holder} has the lease")

@@ -157,7 +157,7 @@ class Commanded(Commanding):
     # Ends ----------------------------------------------------------------------------------------------
 
     def cancel(self) -> None:
-        """Cancel running actions and sequences because the machine stops. TaskFailed with the first error of the
+        """Cancel running actions and sequences because the machine stops. Raises TaskFailed with the first error of the
         `finally` blocks."""
         self.suspension.cancel()
         self._end_change(CommandState.CANCELLED, "the machine stops")

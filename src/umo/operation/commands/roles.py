@@ -109,7 +109,8 @@ class Roles:
         )
 
     def of(self, caller: Caller) -> Role:
-        """The role of a caller. A name that is not proved may reduce the role of its way, but never extends it."""
+        """Return the role of a caller. A name that is not proved may reduce the role of its way, but never extends
+        it."""
         if caller.is_owner:
             return Role.MAINTAIN
         if caller.is_proved:
@@ -123,7 +124,7 @@ EVERYBODY = Roles({ANYBODY: Role.MAINTAIN}, {ANYBODY: Role.MAINTAIN})
 
 
 def place() -> Path:
-    """The file of this user: `umo/roles.toml` in the folder of settings (XDG_CONFIG_HOME, default ~/.config)."""
+    """Return the file of this user: `umo/roles.toml` in the folder of settings (XDG_CONFIG_HOME, default ~/.config)."""
     given = os.environ.get("XDG_CONFIG_HOME", "")
     folder = Path(given) if given.startswith("/") else Path(os.path.expanduser("~")) / ".config"
     return folder / "umo" / "roles.toml"

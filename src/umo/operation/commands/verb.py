@@ -180,7 +180,7 @@ class Verb:
         return not any(each.required for each in self.arguments)
 
     def fields(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """The fields of a command with these arguments. They are checked when the machine takes the command."""
+        """Return the fields of a command with these arguments. They are checked when the machine takes the command."""
         if not arguments and not self.of_action:
             return {}
         if [each.name for each in self.arguments] == list(arguments) and not self.of_action and len(arguments) == 1:
@@ -188,8 +188,8 @@ class Verb:
         return {"arguments": dict(arguments)}
 
     def given(self, command: ClientCommand) -> dict[str, Any]:
-        """The arguments that a command has, checked. Raises RangeError for an argument that is missing, unknown, or
-        outside of its range."""
+        """Return the arguments that a command has, checked. Raises RangeError for an argument that is missing, unknown,
+        or outside of its range."""
         if self.of_action:
             return dict(command.arguments)
         found = dict(command.arguments)

@@ -221,10 +221,10 @@ def verb_of(name: str) -> Verb | None:
 
 
 def naming(*names: Names) -> list[Verb]:
-    """The verbs whose paths name one of these kinds of objects."""
+    """Return the verbs whose paths name one of these kinds of objects."""
     return [each for each in VERBS.values() if each.names in names]
 
 
 def offered() -> list[Verb]:
-    """The verbs that are offered by a client that takes the lease for each command."""
+    """Return the verbs that are offered by a client that takes the lease for each command."""
     return [each for each in VERBS.values() if not each.is_of_lease]

@@ -75,5 +75,5 @@ class Viewpoint:
             raise DeclarationError(f"Viewpoint: eye and target are the same place, {self.eye!r}")
 
     def describe(self) -> dict[str, Any]:
-        """The description for the page."""
+        """Return the description for the page."""
         return {"eye": list(map(float, self.eye)), "target": list(map(float, self.target))}

@@ -36,13 +36,13 @@ def place_of(layout: Layout) -> Path:
 
 
 def declares_twin(place: Path) -> bool:
-    """True if the folder of a station has a twin.py. Its code is not run."""
+    """Return True if the folder of a station has a twin.py. Its code is not run."""
     return (place / MARK).is_file() and (place / "twin.py").is_file()
 
 
 def declared_by(station: Station, machine: Compound | None = None) -> Twin | None:
-    """The result of `twin(machine)` in twin.py of a station, for this machine, or for one without options; None without
-    the file."""
+    """Return the result of `twin(machine)` in twin.py of a station, for this machine, or for one without options; None
+    without the file."""
     module = station.module("twin")
     if module is None:
         return None

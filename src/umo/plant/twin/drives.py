@@ -21,13 +21,13 @@ class Values:
         self._entries = {entry.path: entry for entry in entries}
 
     def entry(self, path: str) -> Described:
-        """Return the entry at a path. DeclarationError with the nearest path if there is none."""
+        """Return the entry at a path. Raises DeclarationError with the nearest path if there is none."""
         if path not in self._entries:
             raise DeclarationError(f"there is no object or signal {path!r}{did_you_mean(path, self._entries)}")
         return self._entries[path]
 
     def level(self, path: str, state: str) -> float:
-        """The value that stands for a state."""
+        """Return the value that stands for a state."""
         entry = self.entry(path)
         if not entry.states:
             raise DeclarationError(f"{path!r} is a number in {entry.unit!r}; it has no state {state!r}")

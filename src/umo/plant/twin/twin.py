@@ -77,7 +77,7 @@ class Twin:
 
 
 def entries_of(machine: Compound | Layout) -> list[Described]:
-    """The objects and signals, as frames describe them."""
+    """Return the objects and signals, as frames describe them."""
     if isinstance(machine, Layout):
         return machine.described.traced
     return [*map(described, atoms(machine)), *map(Described, describe_signals(signals_of(numbers_of(machine))))]

@@ -63,8 +63,8 @@ def alarm_rows(
     raised: bool = False,
     every: bool = False,
 ) -> list[AlarmRow]:
-    """The alarms that are not normal, with `raised` also those that were raised in this run, with `every` all. The
-    order: unacknowledged ones first, then by priority, the newest first; normal ones last."""
+    """Return the alarms that are not normal, with `raised` also those that were raised in this run, with `every` all.
+    The order: unacknowledged ones first, then by priority, the newest first; normal ones last."""
     last = {event.path: event for event in events if event.asked == ALARM}
     numbered = zip(entries, states, occurrences, strict=True)
     rows = [
@@ -76,7 +76,7 @@ def alarm_rows(
 
 
 def alarms_text(rows: Sequence[AlarmRow]) -> list[str]:
-    """The first few alarms as text, and the number of the others."""
+    """Return the first few alarms as text, and the number of the others."""
     shown = [row for row in rows if row.annunciated]
     more = len(shown) - MAX_TOLD
     return [*map(str, shown[:MAX_TOLD]), *([f"and {more} more"] if more > 0 else [])]

@@ -33,8 +33,8 @@ MISSED_PERIOD, ON_DEMAND = "a period was missed", "on demand"
 
 
 def folder() -> Path:
-    """The folder of this user's black boxes, for nobody else. Raises FramesError if it cannot be made. All users may
-    read the folder around it, which has records for them."""
+    """Return the folder of this user's black boxes, for nobody else. Raises FramesError if it cannot be made. All users
+    may read the folder around it, which has records for them."""
     try:
         return folders.checked(folders.own(folders.lasting(), 0o755) / "blackbox")
     except OSError as error:
@@ -76,12 +76,12 @@ def _content(reader: Reader, frames: Frames, reason: str) -> bytearray:
 
 
 def aftermath(period: float) -> float:
-    """Time in s after a missed period at which its black box is written."""
+    """Return the time in s after a missed period at which its black box is written."""
     return max(AFTERMATH, min(AFTERMATH_PERIODS * period, LONGEST_AFTERMATH))
 
 
 def boxes(folder: Path) -> list[Path]:
-    """The black boxes in a folder, oldest first."""
+    """Return the black boxes in a folder, oldest first."""
     return sorted(folder.glob(f"*{SUFFIX}"), key=folders.modified)
 
 
@@ -97,7 +97,7 @@ def station_of(path: Path) -> str:
 
 
 def kept_at(about: Mapping[str, Any]) -> str:
-    """The local time at which a black box was written."""
+    """Return the local time at which a black box was written."""
     return time_of_day(about.get("kept", about["started"]))
 
 

@@ -110,7 +110,7 @@ class Evidence:
 
 
 def explain_all(frames: Frames, layout: Layout) -> list[MissCause]:
-    """The verdict on each row that reports missed periods."""
+    """Return the verdict on each row that reports missed periods."""
     rows = np.flatnonzero(frames["missed"]).tolist()
     if not rows:
         return []
@@ -180,8 +180,8 @@ def _driver_work(kind: str) -> str:
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
-    """The parts of each period's time in ns: waking up, the phases, and the work after `update`. Attempts to reach a
-    driver are left out if there were none."""
+    """Return the parts of each period's time in ns: waking up, the phases, and the work after `update`. Attempts to
+    reach a driver are left out if there were none."""
     phases = frames["phases"].astype(float)
     parts: PhaseTimes = {name: phases[:, i] for i, name in enumerate(layout.phases) if name != "timer"}
     parts = {name: times for name, times in parts.items() if not name.startswith(f"{TRY} ") or times.any()}
@@ -196,8 +196,8 @@ def split(frames: Frames, layout: Layout) -> PhaseTimes:
 
 
 def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
-    """The count of each counter in the period of each row. The counters are not read in every period: the usual count
-    is subtracted for the periods between two readings. A row without a reading of its own gets 0."""
+    """Return the count of each counter in the period of each row. The counters are not read in every period: the usual
+    count is subtracted for the periods between two readings. A row without a reading of its own gets 0."""
     read = np.flatnonzero(np.diff(frames["counted"])) + 1  # those with a reading of their own
     periods = np.diff(frames["counted"])[read - 1]
     found = {}

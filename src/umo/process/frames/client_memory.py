@@ -33,7 +33,7 @@ LEASE = ""
 
 
 def size_of(layout: Layout) -> int:
-    """Number of bytes of the cells of a run."""
+    """Return the number of bytes of the cells of a run."""
     return SIGNS + 16 * (1 + len(layout.objects) + len(layout.actions))
 
 

@@ -81,7 +81,7 @@ def sockets() -> list[Path]:
 
 
 def rings() -> list[Path]:
-    """The sockets of running stations, oldest first. Those of dead processes are removed, and nothing else."""
+    """Return the sockets of running stations, oldest first. Those of dead processes are removed, and nothing else."""
     place = folder()
     try:
         names = os.listdir(place)
@@ -95,7 +95,7 @@ def rings() -> list[Path]:
 
 
 def is_living(path: Path) -> bool:
-    """True if this is the socket of a living process. The socket of a dead one is removed; any other file is not
+    """Return True if this is the socket of a living process. The socket of a dead one is removed; any other file is not
     changed."""
     served = is_served(path) if is_socket(path) else None
     if served is False:
@@ -174,7 +174,7 @@ class FrameServer:
 
 
 def receive(path: Path) -> RunDescriptors:
-    """The descriptors of the run whose socket this is. Raises FramesError if they cannot be received."""
+    """Return the descriptors of the run whose socket this is. Raises FramesError if they cannot be received."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
         here.settimeout(STOPPED_TIMEOUT)
         try:
@@ -240,7 +240,7 @@ def _asked(maker: int) -> tuple[str, int]:
 
 
 def is_socket(path: Path) -> bool:
-    """True if this is a socket of this user, and not a link to one."""
+    """Return True if this is a socket of this user, and not a link to one."""
     return is_own(path, stat.S_ISSOCK)
 
 

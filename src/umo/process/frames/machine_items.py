@@ -154,7 +154,7 @@ class Declaration:
 
 
 def declaration_of(reader: RunReader) -> Declaration:
-    """The declaration of a run from its frames."""
+    """Return the declaration of a run from its frames."""
     layout, about = reader.layout, reader.about
     return Declaration(
         escaped(str(about["station"]), is_encodable),

@@ -176,12 +176,12 @@ class Reader(RunReader):
         return self._count(Live.DROPPED)
 
     def tunables(self) -> dict[str, float]:
-        """The tunable numbers by path, each at most as many periods old as there are numbers."""
+        """Return the tunable numbers by path, each at most as many periods old as there are numbers."""
         numbers = np.frombuffer(self._memory, "<f8", len(self.layout.tunables), self._places.tunables).tolist()
         return {entry["path"]: value for entry, value in zip(self.layout.tunables, numbers, strict=True)}
 
     def live_bytes(self, start: int, stop: int) -> bytes:
-        """The live numbers as stored in the ring."""
+        """Return the live numbers as stored in the ring."""
         return self._memory[start:stop]
 
     def told_bytes(self) -> bytes:
@@ -219,7 +219,7 @@ class Reader(RunReader):
         return self._copy(max(0, head - min(count, self.slots)), head)
 
     def frame_bytes(self, number: int) -> bytes | None:
-        """The bytes of a frame in the ring, or None if it was overwritten, or is incomplete."""
+        """Return the bytes of a frame in the ring, or None if it was overwritten, or is incomplete."""
         size, content, quality, count = self._sizes
         at = self._places.first + number % self.slots * size
         data = self._memory[at : at + size]
@@ -241,7 +241,7 @@ class Reader(RunReader):
     # The journal ---------------------------------------------------------------------------------------
 
     def journal(self, frame: Any) -> Entries | None:
-        """The journal of a frame's period: transfers of single objects, in order; None if it was overwritten."""
+        """Return the journal of a frame's period: transfers of single objects, in order; None if it was overwritten."""
         first, count = int(frame["journal"]), int(frame["entries"])
         start, entries = self.entries(first, first + count)
         torn = self._checked and count and zlib.crc32(entries.tobytes()) != frame["entries_checksum"]

@@ -92,11 +92,11 @@ class RunReader(ABC):
 
     @abstractmethod
     def tunables(self) -> dict[str, float]:
-        """The tunable numbers by path."""
+        """Return the tunable numbers by path."""
 
     @abstractmethod
     def latest(self) -> Any | None:
-        """The last finished frame, or None if there is none."""
+        """Return the last finished frame, or None if there is none."""
 
     @abstractmethod
     def read(self, most: int | None = None) -> Frames:
@@ -140,7 +140,7 @@ class RunReader(ABC):
         return {entry["path"]: i for i, entry in enumerate(self.layout.objects)}
 
     def tuned(self) -> dict[str, float]:
-        """The tunable numbers that differ from their values at the start of the run, by path."""
+        """Return the tunable numbers that differ from their values at the start of the run, by path."""
         start = {entry["path"]: entry.get("start") for entry in self.layout.tunables}
         return {path: value for path, value in self.tunables().items() if isfinite(value) and value != start[path]}
 
@@ -150,7 +150,7 @@ class RunReader(ABC):
         return [entry["path"] for entry in self.layout.signals if "kept" in entry]
 
     def index(self, path: str) -> int:
-        """The index of an object in a frame's `values`; PathError with the nearest path otherwise."""
+        """Return the index of an object in a frame's `values`; raises PathError with the nearest path otherwise."""
         if path not in self._index:
             raise PathError(
                 f"there is no object {path!r}{did_you_mean(path, self._index)} in {self.about.get('station')}"
@@ -163,7 +163,8 @@ class RunReader(ABC):
         return [each for group in self.layout.described for each in group]
 
     def values(self, frame: Any) -> dict[str, float | str]:
-        """The value of every object by path: a number in its unit, or the name of a state; NaN if it was never read."""
+        """Return the value of every object by path: a number in its unit, or the name of a state; NaN if it was never
+        read."""
         numbers = frame["values"].tolist()
         objects = self.layout.described.objects
         return {each.path: each.value(value) for each, value in zip(objects, numbers, strict=True)}
@@ -198,12 +199,12 @@ class RunReader(ABC):
         return Claim(Rank.FAULT if in_fault else Rank.INTERLOCK, reason)
 
     def is_taken(self, path: str) -> bool:
-        """True if a client has taken the actuator at a path, by the newest frame; False for any other path."""
+        """Return True if a client has taken the actuator at a path, by the newest frame; False for any other path."""
         number, frame = self._index.get(path), self.latest()
         return number is not None and frame is not None and int(frame["restrictions"][number]) == TAKEN_BY_CLIENT
 
     def faults(self, frame: Any) -> dict[str, str]:
-        """The equipment in fault at a frame, by path, with the reason as long as its event is kept."""
+        """Return the equipment in fault at a frame, by path, with the reason as long as its event is kept."""
         if frame is None or not frame["equipment"].any():
             return {}
         events = (each.event for each in self.events() if each.event.asked == FAULT)
@@ -213,15 +214,15 @@ class RunReader(ABC):
         return {path: told.get(path, "its reason is no longer kept") for path in paths}
 
     def alarms(self, frame: Any, raised: bool = False, every: bool = False) -> list[AlarmRow]:
-        """The alarms that are not normal at a frame: unacknowledged ones first, then by priority. `raised`: also those
-        that are normal and were raised in this run, if this is known (`occurrences`). `every`: all alarms."""
+        """Return the alarms that are not normal at a frame: unacknowledged ones first, then by priority. `raised`: also
+        those that are normal and were raised in this run, if this is known (`occurrences`). `every`: all alarms."""
         if frame is None or not (raised or every or frame["alarms"].any()):
             return []
         events = (each.event for each in self.events())
         return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.occurrences(), raised, every)
 
     def unit_states(self, frame: Any) -> dict[str, str]:
-        """The states of parts at a frame (`umo.operation`), by the paths of their state machines."""
+        """Return the states of parts at a frame (`umo.operation`), by the paths of their state machines."""
         if frame is None or not self.layout.units:
             return {}
         signals = self.layout.described.signals
@@ -270,8 +271,8 @@ class RunReader(ABC):
         return facts | {"kept because": self.about.get("reason", "")}
 
     def driven(self, frame: Any) -> str:
-        """The actuators that are away from their defaults in manual mode, and why, or "" if there is none or the mode
-        is not manual."""
+        """Return the actuators that are away from their defaults in manual mode, and why, or "" if there is none or the
+        mode is not manual."""
         if frame is None or (now := self.now()).mode is not Mode.MANUAL:
             return ""
         taken = (frame["restrictions"] == TAKEN_BY_CLIENT).tolist()
@@ -311,7 +312,7 @@ class RunReader(ABC):
 
     @property
     def end(self) -> Event | None:
-        """Return the last event of a run that has ended, or None if it was killed."""
+        """The last event of a run that has ended, or None if it was killed."""
         return next((each.event for each in reversed(self.events()) if each.event.is_end), None)
 
     def __enter__(self) -> Self:
@@ -322,7 +323,7 @@ class RunReader(ABC):
 
 
 def progress_of(frame: Any) -> Progress:
-    """The last progress of the machine; none without a frame."""
+    """Return the last progress of the machine; none without a frame."""
     if frame is None:
         return Progress()
     return Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))

@@ -50,8 +50,8 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def find_running(name: str | None, said: Callable[[str], object] = lambda text: None) -> Reader:
-    """The frames of one running station, by name, folder or pid (`meant_by`); FramesError lists those that run. `said`
-    is called for a ring that cannot be read while others can."""
+    """Return the frames of one running station, by name, folder or pid (`meant_by`); FramesError lists those that run.
+    `said` is called for a ring that cannot be read while others can."""
     if name is not None and (elsewhere := find_elsewhere(name)) is not None:
         return elsewhere
     unread: list[str] = []
@@ -107,7 +107,7 @@ def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
 
 
 def is_path(name: str) -> bool:
-    """True if a name can only be that of a folder: `.`, `./tank`, `/srv/tank`."""
+    """Return True if a name can only be that of a folder: `.`, `./tank`, `/srv/tank`."""
     return name in (os.curdir, os.pardir) or any(each in name for each in (os.sep, os.altsep) if each)
 
 
@@ -118,7 +118,7 @@ def several_runs(name: str, fitting: Sequence[Reader]) -> str:
 
 
 def station_name(text: str) -> str:
-    """The name of a station in a folder, even if that is a broken link."""
+    """Return the name of a station in a folder, even if that is a broken link."""
     return os.path.basename(real_path(text))
 
 

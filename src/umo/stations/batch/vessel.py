@@ -93,14 +93,14 @@ class Vessel:
         return had >= TRACE > self.content
 
     def made(self) -> BatchRecipe | None:
-        """The recipe for which its content is a good batch."""
+        """Return the recipe for which its content is a good batch."""
         for recipe in BOOK.values():
             if self.deviation(recipe) <= AMOUNT_TOLERANCE and self.held[recipe.name] >= recipe.hold:
                 return recipe
         return None
 
     def deviation(self, recipe: BatchRecipe) -> float:
-        """Largest deviation of an amount from the recipe, kg."""
+        """Return the largest deviation of an amount from the recipe, kg."""
         return max(abs(had - wanted) for had, wanted in zip(self.charged, recipe.amounts, strict=True))
 
     def begin(self) -> None:

@@ -116,7 +116,7 @@ class Sorter(
 
     @property
     def cause(self) -> str:
-        """Return the reason why nothing is sorted, as text."""
+        """The reason why nothing is sorted, as text."""
         if self.cycle.fault is None and self.waits:
             return f"no part came on {self.distance + self.spacing:.0f} mm of belt"
         return self.cycle.fault or self.unit.refusal("start") or self.unit.state.name.lower()

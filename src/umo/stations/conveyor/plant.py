@@ -180,8 +180,8 @@ class Plant(Driver, Reports):
         return False
 
     def report(self) -> dict[str, Any]:
-        """The parts delivered to the end of the belt or the chute, the number of wrongly sorted ones, and the largest
-        deviation of an accepted part from the nominal length."""
+        """Return the parts delivered to the end of the belt or the chute, the number of wrongly sorted ones, and the
+        largest deviation of an accepted part from the nominal length."""
         return {
             "parts_delivered": len(self.accepted) + len(self.rejected),
             "wrongly_sorted": sum(not item.good for item in self.accepted) + sum(item.good for item in self.rejected),

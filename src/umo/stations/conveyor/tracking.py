@@ -71,7 +71,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         self.jammed = False
 
     def accepts(self, length: float) -> bool:
-        """True if a part of this length in mm stays on the belt."""
+        """Return True if a part of this length in mm stays on the belt."""
         raise NotImplementedError
 
     def passed(self, part: Part) -> None:

@@ -10,7 +10,7 @@ MAX_ZONES = 5000
 
 
 def machine(zones: int = 40, laws: int = 0) -> Furnace:
-    """A tunnel of zones.
+    """Return a tunnel of zones.
 
     Options: zones: number of zones, 1 to 5,000. laws: number of zones, from the first on, that have laws of their own
     and may run on controllers.

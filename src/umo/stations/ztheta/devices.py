@@ -93,7 +93,7 @@ class Counterbalance:
         self._leak = math.exp(-STEP / self.LEAK)
 
     def step(self, valve: int) -> float:
-        """The pressure in Pa after one physics step."""
+        """Return the pressure in Pa after one physics step."""
         if valve:
             self.pressure += (self.SUPPLY - self.pressure) * self._fill
         else:
@@ -136,7 +136,7 @@ class SuctionCup:
         self._torn = True
 
     def step(self, valve: int, puff: int, touching: bool) -> float:
-        """The holding force in N after one physics step."""
+        """Return the holding force in N after one physics step."""
         if not valve:
             self._torn = False
         self.sealed = sealed = touching and not self._torn

@@ -11,7 +11,7 @@ from .control import Counterweight, Gripper, Manipulator, StepOutput, ThetaAxis,
 
 
 def machine() -> Manipulator:
-    """The overhead manipulator (the paper's Figure 4): five compound objects, 13 atomic ones."""
+    """Return the overhead manipulator (the paper's Figure 4): five compound objects, 13 atomic ones."""
     return Manipulator(
         z=ZAxis(
             motor=DigitalActuator(
