@@ -1,5 +1,5 @@
-"""Excitations of a loop: the values written to its output during an experiment, and its end. Computations on plain
-numbers."""
+"""Excitations of a loop: the values that are written to its output during an experiment, and the end of the experiment.
+The computations use plain numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ FEWEST_KEPT = 48
 SETTLED_SHARE = 0.02
 """Change over the last third of a step, as a share of its whole change, below which it has settled."""
 SMALLER = 0.5
-"""Share of the amplitude in the last part of an experiment; this third level shows whether the process is linear."""
+"""The share of the amplitude that is used in the last part of an experiment. This third level shows whether the process
+is linear."""
 MAX_TURN_TIME = 4.0
 """Longest time for the smaller amplitude to turn the measurement, as a multiple of the longest half cycle."""
 NOISE_FACTOR = 10.0
@@ -19,8 +20,8 @@ NOISE_FACTOR = 10.0
 
 
 class Baseline:
-    """The loop before the experiment: means of output and measurement, and the noise. All are finite, because the law
-    refuses other numbers."""
+    """The loop before the experiment: the means of output and measurement, and the noise. All numbers are finite,
+    because the law refuses others."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -42,7 +43,8 @@ class Baseline:
 
 class RelaySwitching:
     """Switches the output up and down around the old one, whenever the measurement leaves a band around the old
-    measurement. In the last cycles it goes up by a smaller amplitude, as long as that turns the measurement."""
+    measurement. In the last cycles the output goes up by a smaller amplitude, as long as this amplitude turns the
+    measurement."""
 
     def __init__(self, base: Baseline, amplitude: float, rising: bool, hysteresis: float, cycles: int) -> None:
         """`rising`: whether a larger output makes the measurement rise."""

@@ -1,4 +1,4 @@
-"""On/off regulation with hysteresis: a valve and a pressure, a heater and a temperature."""
+"""On/off control with hysteresis, such as of a pressure by a valve or of a temperature by a heater."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The reference functions of thermocouples: NIST Standard Reference Database 60, ITS-90 (NIST Monograph 175, the same
-in IEC 60584-1), work of the government of the United States and not subject to copyright."""
+"""The reference functions of thermocouples: NIST Standard Reference Database 60, ITS-90 (NIST Monograph 175; IEC
+60584-1 has the same functions). They are a work of the government of the United States and not subject to copyright."""
 
 from __future__ import annotations
 

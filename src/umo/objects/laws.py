@@ -1,4 +1,4 @@
-"""The laws of a compound: the objects that its code has made besides its parts, such as control laws and state
+"""The laws of a compound: the objects, other than its parts, that its code has made, such as control laws and state
 machines."""
 
 from __future__ import annotations

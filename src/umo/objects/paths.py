@@ -12,7 +12,8 @@ from umo.text import did_you_mean
 
 
 def path_of(node: Node) -> str:
-    """Return the place of an object in its machine, without the root: `z.motor`, `axes.0`; the root's is ''."""
+    """Return the path of an object in its machine, without the root: `z.motor`, `axes.0`. The path of the root is
+    ''."""
     return node._path
 
 
@@ -47,8 +48,8 @@ def atoms(node: Node) -> Iterator[Atomic]:
 
 
 def find(node: Node, path: str) -> Node:
-    """Return the object at a path below this one, such as "z.motor". Raises PathError with the nearest one if there is
-    none."""
+    """Return the object at a path below this one, such as "z.motor". Raises PathError, with the nearest path, if there
+    is none."""
     known = _below(node)
     if path not in known:
         raise _no_object(node, path, known)
@@ -57,7 +58,7 @@ def find(node: Node, path: str) -> Node:
 
 def named(node: Node, pattern: str) -> list[Node]:
     """Return the objects below this one that a path, the path of a list or dict (for all objects in it), or a pattern
-    (`zones.*.heater`) names, in declared order. Raises PathError if there is none, unless its list is empty."""
+    (`zones.*.heater`) names, in declared order. Raises PathError if there is none, except for an empty list or dict."""
     known = _below(node)
     found = [each for path, each in known.items() if matches(pattern, path) or _is_in(pattern, path, each)]
     held = getattr(node, pattern.partition(".")[0], None)
@@ -71,7 +72,7 @@ def is_pattern(path: str) -> bool:
 
 
 def matches(pattern: str, path: str) -> bool:
-    """Return True if a path is the pattern, in which `*` stands for one part of a path."""
+    """Return True if a path matches the pattern, in which `*` stands for one part of a path."""
     parts, names = pattern.split("."), path.split(".")
     return len(parts) == len(names) and all(part in (ANY, name) for part, name in zip(parts, names, strict=True))
 

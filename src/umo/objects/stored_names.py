@@ -1,5 +1,5 @@
-"""The attributes that the functions of a class assign to their object, `self.started = self.now`: those that a type
-checker counts as declared. They are read from the compiled code."""
+"""The attributes that the functions of a class assign to their object, such as `self.started = self.now`. A type
+checker counts them as declared. They are read from the compiled code."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def _line_of(instruction: Any, code: CodeType) -> int:
 
 
 def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> None:
-    """Raise DeclarationError for an assignment outside `setup` to a misspelt known name that no function of the class
-    reads, because it would have no effect."""
+    """Raise DeclarationError for an assignment outside `setup` to a name that is a misspelling of a known name and that
+    no function of the class reads: the assignment would have no effect."""
     for name, _, place in stores:
         meant = next((each for each in known if name not in known and is_slip(name, each)), None)
         if meant is not None and not _is_read(cls, name):

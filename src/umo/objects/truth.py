@@ -16,6 +16,6 @@ def checked_truth(name: str, value: object) -> bool:
 
 
 def is_one_of(given: object, texts: Collection[str]) -> bool:
-    """Return True if a setting is one of these texts. A state is not a text, and raises an error when compared with one
-    (`umo.states`)."""
+    """Return True if a setting is one of these strings. A state is not a string, and raises an error when compared with
+    one (`umo.states`)."""
     return isinstance(given, str) and given in texts

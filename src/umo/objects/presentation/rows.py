@@ -1,4 +1,4 @@
-"""Objects, signals and tunable numbers as rows of a table: with similar ones in one line, and with the texts of the
+"""Objects, signals and tunable numbers as rows of a table, with similar rows in one line, and the texts of the
 cells."""
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def generalised(path: str) -> str:
 
 
 def families(paths: Iterable[str]) -> dict[str, list[int]]:
-    """Return the places of the paths by family, such as `zones.*.heater`, in the order of the first members."""
+    """Return the indices of the paths by family, such as `zones.*.heater`, in the order of the first members."""
     found: dict[str, list[int]] = {}
     for place, path in enumerate(paths):
         found.setdefault(generalised(path), []).append(place)
@@ -60,8 +60,8 @@ LikeRows = Sequence[TableRow]
 
 
 def lines(paths: Sequence[str]) -> list[list[int]]:
-    """Return the places of the rows in each line: families together, the others one by one, in the order of the parts
-    of the machine."""
+    """Return the indices of the rows in each line: the rows of a family together, other rows one by one, in the order
+    of the parts of the machine."""
     parts: dict[str, list[list[int]]] = {}
     for path, places in families(paths).items():
         part = parts.setdefault(path.partition(".")[0] if "." in path else "", [])
@@ -70,7 +70,7 @@ def lines(paths: Sequence[str]) -> list[list[int]]:
 
 
 def restriction(reason: str | None, by_client: bool = False) -> str:
-    """Return why the program cannot write an actuator, and who has it; empty if it can."""
+    """Return why the program cannot write an actuator, and who has the actuator; empty if the program can write it."""
     return f"⊘ {BY_CLIENT if by_client else INHIBITED}: {reason}" if reason else ""
 
 
@@ -91,13 +91,14 @@ def quality_of(line: LikeRows) -> str:
 
 
 def sentence_of(row: TableRow, width: int = 0) -> str:
-    """Path, value, quality and note of one object, separated by two blanks, with the path padded to this width."""
+    """Return path, value, quality and note of one object, separated by two blanks, with the path padded to this
+    width."""
     cells = [f"{row.about.path:{width}}", value_of([row]), quality_of([row]), note_of([row])]
     return printable("  ".join(filter(None, cells)))
 
 
 def raw_of(line: LikeRows) -> str:
-    """Return the raw integer of one object; empty where there is no value yet."""
+    """Return the raw integer of one object; empty if there is no value yet."""
     row = line[0]
     return "" if len(line) > 1 or row.raw is None or row.value != row.value else str(row.raw)
 
