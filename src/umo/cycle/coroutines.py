@@ -1,4 +1,4 @@
-"""Facts about a sequence from Python: where it waits, whose code it is, its arguments."""
+"""Facts about a sequence that Python provides: where it waits, its code, its arguments."""
 
 from __future__ import annotations
 
@@ -28,19 +28,20 @@ def place_of(sequence: Any) -> str:
 
 
 def code_of(sequence: Any) -> CodeType | None:
-    """Return the code of its `async def` function, or None for other kinds."""
+    """Return the code of the sequence's `async def` function; None for other kinds of sequences."""
     return getattr(sequence, "cr_code", None)
 
 
 def given_to(sequence: Any) -> dict[str, Any]:
-    """Return the arguments of its function and the values it uses of enclosing functions; {} after its end."""
+    """Return the arguments of the sequence's function and the values of enclosing functions that it uses; {} after its
+    end."""
     code, values = _running(sequence)
     names = () if code is None else (*_parameters(code), *code.co_freevars)
     return {name: values[name] for name in names if name in values}
 
 
 def arguments_text(sequence: Any) -> str:
-    """Return the short arguments of an `async def` function as text: objects of the machine, numbers, texts."""
+    """Return the short arguments of an `async def` function as text: objects of the machine, numbers, strings."""
     code, values = _running(sequence)
     if code is None:
         return ""
@@ -49,7 +50,7 @@ def arguments_text(sequence: Any) -> str:
 
 
 def is_new(sequence: Any) -> bool:
-    """Return True if it is a sequence that has not begun."""
+    """Return True if the object is a sequence that has not begun."""
     return inspect.iscoroutine(sequence) and inspect.getcoroutinestate(sequence) == inspect.CORO_CREATED
 
 

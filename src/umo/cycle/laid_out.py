@@ -1,4 +1,4 @@
-"""Lays out a machine: makes all parts of its period, before any driver is opened."""
+"""The layout of a machine: all parts of its period are made before any driver is opened."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def machine_of(
 
 
 def taken_parts(root: Compound, wired: Wired) -> list[Capability]:
-    """Return the drivers that carry out parts of a machine by themselves, which are to be attached to it; its objects
+    """Return the drivers that carry out parts of a machine by themselves, for attachment to the machine, whose objects
     are not connected. Raises NotTranslated for a part that cannot be translated."""
     nodes = {node._path: node for node in walk(root)} if wired.controllers else {}
     drivers: list[Any] = []

@@ -29,19 +29,19 @@ except ImportError:  # a system without it
 FOLDER = "alarms"
 SUFFIX = ".jsonl"
 MAX_BYTES = 1 << 20
-"""Largest number of bytes of a file; then it becomes the older generation."""
+"""The largest number of bytes of a file. A file of this size becomes the older generation."""
 MAX_NAME = 100
 """Largest length of a station's name in the name of a file, in characters."""
 
 TRIES = 100
-"""Number of times that a file is opened again because another writer has begun a new one."""
+"""The number of times that a file is opened again because another writer has begun a new file."""
 
 
 class AlarmRecord(NamedTuple):
     """One change of an alarm."""
 
     when: float
-    """Time in s since 1970 at which the writer read the event, shortly after it happened."""
+    """The time in s since 1970 at which the writer has read the event, shortly after it happened."""
     time: float
     """Time in s on the cycle's clock."""
     path: str
@@ -58,12 +58,12 @@ def file_of(station: str) -> Path:
 
 
 LOCK_TIMEOUT = 0.2
-"""Timeout in s for another writer of the file, which is another run of the station. Writing is tried again at the next
-look."""
+"""The time in s to wait for another writer of the file, which is another run of the station. Writing is tried again at
+the next look."""
 
 
 def append(file: Path, records: Iterable[AlarmRecord]) -> None:
-    """Add records at the end, all or none of them. Raises OSError if they cannot be written."""
+    """Add records at the end: either all of them or none. Raises OSError if they cannot be written."""
     data = "".join(f"{json.dumps(record._asdict())}\n" for record in records).encode()[-MAX_BYTES:]
     if not data:
         return

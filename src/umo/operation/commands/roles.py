@@ -14,8 +14,8 @@ by an address. Everybody else may look, and has the role that a file of this use
     page = "operate"    # everybody who has the token of the page
     homeassistant = "tune"
 
-A role includes those before it: see, tune, operate, maintain. If the file cannot be read or has an
-error, all other users may only look.
+Each role includes the roles before it: see, tune, operate, maintain. If the file cannot be read or has an error, all
+other users have the role "see" only.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from umo.wiring.settings import TakenBy, read_settings
 MAX_BYTES = 1 << 20
 """Largest number of bytes of the file."""
 ANYBODY = "*"
-"""The entry that stands for all users, or ways, that are not named."""
+"""The entry for all users, or ways, that are not named."""
 ABOUT = "(docs/security.md)"
 PAGE = "page"
 """The way of commands that arrive through a page."""
@@ -68,11 +68,11 @@ class Caller:
     is_proved: bool = False
     """True if the name is proved."""
     is_owner: bool = False
-    """True if it is proved that this is the user who runs the machine."""
+    """True if the caller is proved to be the user who runs the machine."""
 
 
 class Roles:
-    """The tables of one file. `mistake`: why it cannot be used."""
+    """The tables of one file. `mistake`: the reason why the file cannot be used."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class Roles:
 
     @classmethod
     def load(cls, file: Path | None = None) -> Roles:
-        """Read the file; default: that of this user. It raises no error."""
+        """Read the file (default: the file of this user). This function raises no error."""
         try:
             found = read_settings(RolesFile, place() if file is None else file, MAX_BYTES)
         except OptionError as error:
@@ -120,7 +120,7 @@ class Roles:
 
 
 EVERYBODY = Roles({ANYBODY: Role.MAINTAIN}, {ANYBODY: Role.MAINTAIN})
-"""Roles with which everybody may give every command: for tests and kits."""
+"""The roles with which everybody may give every command, for tests and kits."""
 
 
 def place() -> Path:

@@ -215,8 +215,8 @@ VERBS: dict[str, Verb] = {
 
 
 def verb_of(name: str) -> Verb | None:
-    """Return the verb of this name, whose words may be joined by underscores or hyphens ("acknowledge_alarm"), or
-    None."""
+    """Return the verb of this name, or None. The words of the name may be joined by underscores or hyphens
+    ("acknowledge_alarm")."""
     return VERBS.get(name.replace("_", " ").replace("-", " "))
 
 
@@ -226,5 +226,5 @@ def naming(*names: Names) -> list[Verb]:
 
 
 def offered() -> list[Verb]:
-    """Return the verbs that are offered by a client that takes the lease for each command."""
+    """Return the verbs for a client that takes the lease for each command."""
     return [each for each in VERBS.values() if not each.is_of_lease]
