@@ -20,10 +20,10 @@ MAX_RECORDED = 100
 class RecipeBook(Generic[R]):
     """The recipes of a compound, made in its `setup`: `self.book = RecipeBook(Batch, FOLDER)`.
 
-    Recipes are read when it is made; after that no file is read. Raises RecipeError if one of them is invalid. A client
-    chooses another recipe by the action `choose`; the program gets it by its next `next()`, never within a batch.
-    Frames show the recipe that was begun last and the chosen one (`begun`, `choice`). The choice is kept over a restart
-    by the name of the recipe, except for a recipe whose values a client has sent.
+    The recipes are read when the object is made; after that no file is read. Raises RecipeError if one of them is
+    invalid. A client chooses another recipe by the action `choose`. The program gets this recipe from its next call of
+    `next()`, never within a batch. Frames show the recipe that was begun last and the chosen one (`begun`, `choice`).
+    The choice is kept over a restart by the name of the recipe, except for a recipe whose values a client has sent.
     """
 
     def __init__(self, kind: type[R], place: Path) -> None:

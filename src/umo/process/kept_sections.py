@@ -52,8 +52,8 @@ def _numbers(kept: Sequence[tuple[int, Mapping[str, Any]]], frame: Any) -> dict[
 
 
 def value_of(kind: Mapping[str, Any], number: float) -> Any:
-    """Return a kept value as plain data. None if it has none, is not finite, or is a whole number that a frame cannot
-    represent exactly."""
+    """Return a kept value as plain data; None if there is no value, or if the value is not finite or is a whole number
+    that a frame cannot represent exactly."""
     if not isfinite(number):
         return None
     if kind["type"] == "float":

@@ -1,7 +1,7 @@
-"""The history of alarms over restarts: a small file of lines of JSON for each station, in the lasting state folder.
+"""The history of alarms over restarts: a small file with lines of JSON for each station, in the permanent state folder.
 
-It is written off the loop: never in a control process, and never in a guardian's look. Two generations are kept, each
-of at most `MAX_BYTES`. An incomplete or foreign line does not affect the other lines.
+It is never written in a control process or in a look of a guardian. Two generations are kept, each of at most
+`MAX_BYTES`. An incomplete or foreign line does not affect the other lines.
 """
 
 from __future__ import annotations

@@ -28,10 +28,11 @@ class Priority(NamedNumber):
 
 @dataclass(frozen=True)
 class High:
-    """The value of a digital object is above a limit. `of`: its path below the compound; `limit` in its unit.
+    """The condition that the value of a digital object is above a limit. `of`: the path of the object below the
+    compound. `limit` is in the unit of the object.
 
-    It ends at `limit - deadband`. While the value is BAD or UNREFERENCED, the condition does not change. Raises
-    DeclarationError for a limit that is not finite, and for a negative deadband.
+    The condition ends at `limit - deadband`. While the value is BAD or UNREFERENCED, the condition does not change.
+    Raises DeclarationError for a limit that is not finite, and for a negative deadband.
     """
 
     of: str

@@ -14,11 +14,11 @@ from umo.text import did_you_mean
 
 
 class WriteTrace(AttachedPart):
-    """The last writes of each actuator of the machine: `writes: WriteTrace` in its class, `writes=WriteTrace()` where
-    it is made; `umo do STATION call writes.last path=tank.inlet` shows them.
+    """The last writes of each actuator of the machine: write `writes: WriteTrace` in the class of the machine, and
+    `writes=WriteTrace()` where the machine is made. `umo do STATION call writes.last path=tank.inlet` shows the writes.
 
-    It also has refused writes, and each default that an interlock, a fault, a reset or an expiry has sent. While the
-    trace is attached, every write passes the command stage, like the writes of guarded actuators.
+    The trace also has refused writes, and each default that an interlock, a fault, a reset or an expiry has sent. While
+    the trace is attached, every write passes the command stage, like the writes of guarded actuators.
     """
 
     length: Annotated[int, Number("", 1, 10_000)] = 100

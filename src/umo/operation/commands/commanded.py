@@ -1,7 +1,7 @@
-"""The objects that the verbs of clients act on: one connected machine, its lease, its mode, and the clients' holds.
+"""The state on which the verbs of clients act: one connected machine, its lease, its mode, and the clients' holds.
 
-A verb (`umo.operation.commands.verbs`) gets these as argument; `umo.operation.commands.client_control` checks once per
-period for commands."""
+A verb (`umo.operation.commands.verbs`) gets this state as its argument. `umo.operation.commands.client_control` checks
+once per period for commands."""
 
 from __future__ import annotations
 

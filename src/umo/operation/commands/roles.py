@@ -1,8 +1,8 @@
-"""Which user may give which command: the policy for pages, faces, fleets and all other ways by which commands arrive.
+"""The policy that says which user may give which command, for pages, faces, fleets and all other ways of commands.
 
-The user who runs a machine may give every command. That a caller is this user is proved by files and sockets that only
-this user may open, or by the account of the process at the other end of a connection (`umo.system.peer_account`); never
-by an address. Everybody else may look, and has the role that a file of this user gives them:
+The user who runs a machine may give every command. A caller proves to be this user through files and sockets that only
+this user may open, or through the account of the process at the other end of a connection (`umo.system.peer_account`),
+never through an address. All other users may see the machine, and have the role that a file of this user gives them:
 
     # ~/.config/umo/roles.toml
     [users]             # whose names are proved: by a password, a certificate, their account of this computer

@@ -25,7 +25,7 @@ def turned(axis: Numbers, degrees: float) -> tuple[float, float, float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """Base of the shapes. `position`: its centre in m; `rotation`: as `turned` gives it; `colour`: "#rrggbb";
+    """Base of the shapes. `position`: the centre in m; `rotation`: as `turned` returns it; `colour`: "#rrggbb";
     `opacity`: 0 to 1."""
 
     position: Numbers = HERE
@@ -64,7 +64,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Cuboid(Shape):
-    """`size`: its full lengths along x, y and z."""
+    """A cuboid. `size`: its full lengths along x, y and z."""
 
     size: Numbers
     kind = "box"
@@ -75,7 +75,7 @@ class Cuboid(Shape):
 
 @dataclass(frozen=True)
 class Ellipsoid(Cuboid):
-    """`size`: its diameters along x, y and z."""
+    """An ellipsoid. `size`: its diameters along x, y and z."""
 
     kind = "ellipsoid"
 
