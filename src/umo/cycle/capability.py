@@ -23,8 +23,8 @@ umo makes these calls of a capability, in this order:
 
 A capability that carries out work in place of the machine may also use:
 
-    machine.acting_laws  `replace(laws)`: call other functions for the same laws; `leave_out(part)`: do not call the laws
-                         of this part, which the capability carries out
+    machine.acting_laws  `replace(laws)`: call other functions for the same laws; `leave_out(part)`: do not call the
+                         laws of this part, which the capability carries out
     machine.at_work      the group of sequences that a sequence joins if it is started now
     machine.is_manual    whether clients operate the machine in place of the application
     machine.under_way    lists of functions: `noting` are called with the equipment that has entered a fault, before the

@@ -1,5 +1,5 @@
-"""Device files such as /dev/ttyUSB0, and the small files of sysfs: an error says what the user can do about it. For
-drivers of serial lines, GPIO chips, I2C and SPI buses, IIO devices and counters."""
+"""Device files such as /dev/ttyUSB0, and the small files of sysfs: an error says what the user can do. This module is
+for drivers of serial lines, GPIO chips, I2C and SPI buses, IIO devices and counters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ _MAX_LISTED = 8
 
 @contextmanager
 def opening(path: str) -> Iterator[None]:
-    """Any OSError within becomes a DriverError that names the file and what to do (`explained`)."""
+    """Return a context in which any OSError becomes a DriverError that names the file and says what to do
+    (`explained`)."""
     try:
         yield
     except DriverError:
@@ -31,8 +32,8 @@ def opening(path: str) -> Iterator[None]:
 
 
 def explained(path: str, error: OSError) -> str:
-    """Return a missing file with those that exist, a refused one with the group to join, a busy one with who holds
-    it."""
+    """Return the text of an error with advice: for a missing file the existing files, for a refused file the group to
+    join, for a busy file the processes that hold it."""
     if error.errno in _MISSING:
         others = similar(path)
         known = f"; there are: {', '.join(others[:_MAX_LISTED])}" if others else "; there is none of its kind"
@@ -65,7 +66,7 @@ def numbered(folder: Path, stem: str) -> list[Path]:
 
 def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str:
     """Return the device that is named by its number or by one of its names: `there` has the names of each number.
-    DriverError lists the existing ones."""
+    Raises DriverError, which lists the existing devices."""
     found = [number for number, names in there.items() if wanted in (number, *names)]
     if len(found) == 1:
         return found[0]
@@ -77,7 +78,7 @@ def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str
 
 
 def listed(kind: str, there: Mapping[str, Sequence[str]]) -> str:
-    """Return the devices that there are, for a message."""
+    """Return the existing devices as text for a message."""
     if not there:
         return f"this computer has no {kind}"
     return "there are: " + ", ".join(f"{number}{in_brackets(*names)}" for number, names in there.items())
@@ -91,7 +92,7 @@ def text_in(file: Path) -> str:
 
 
 def put(file: Path, value: str) -> None:
-    """Write a small file; DriverError says which."""
+    """Write a small file. Raises DriverError, which names the file."""
     try:
         fd = os.open(file, os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC)
         try:
@@ -105,8 +106,8 @@ def put(file: Path, value: str) -> None:
 
 
 def holders(path: str) -> list[str]:
-    """Return the processes that have the file open, as `pid 123 (minicom)`; those of other users are seen by root
-    only."""
+    """Return the processes that have the file open, as `pid 123 (minicom)`; only root sees the processes of other
+    users."""
     real = os.path.realpath(path)
     found = []
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda folder: int(folder.name)):

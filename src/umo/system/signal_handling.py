@@ -26,8 +26,8 @@ def signal_name(number: int) -> str:
 
 @contextmanager
 def handling(handler: Handler, numbers: Iterable[int]) -> Iterator[None]:
-    """Have this handler called for each of these signals in the block; with `signal.SIG_IGN` they are ignored. Works
-    only in the main thread: Python raises ValueError in any other."""
+    """Return a context in which this handler is called for each of these signals; with `signal.SIG_IGN` they are
+    ignored. In a thread other than the main thread, Python raises ValueError."""
     before = {number: calls.handle_signal(number, handler) for number in numbers}
     try:
         yield

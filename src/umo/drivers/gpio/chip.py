@@ -1,4 +1,4 @@
-"""Finding a GPIO chip by its path, name or label."""
+"""The search for a GPIO chip by its path, name or label."""
 
 from __future__ import annotations
 

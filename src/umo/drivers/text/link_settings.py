@@ -26,7 +26,7 @@ class LinkSettings:
     quiet: float
     boot_time: float
     starts_always: bool
-    """True if each new connection starts the device; else only the first one does."""
+    """True if each new connection starts the device; otherwise only the first connection does."""
     longest_answer: int
     skip_empty_lines: bool
 
@@ -36,7 +36,7 @@ class LinkSettings:
         return (request + terminator).encode(self.encoding)
 
     def end(self, ends: Ends) -> bytes:
-        """Return the bytes that end its answer."""
+        """Return the bytes that end the answer to a request."""
         return (ends.answer or self.answer_terminator).encode(self.encoding)
 
 
