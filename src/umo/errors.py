@@ -310,7 +310,7 @@ class FramesError(UmoError, RuntimeError):
 
 
 class Cancelled(BaseException):
-    """Raised inside a sequence when the machine stops or when a sequence in the same `together` failed."""
+    """The machine stops, or a sequence in the same `together` has failed. Raised inside a sequence."""
 
 
 def text_of(error: BaseException) -> str:

@@ -78,7 +78,7 @@ class Motion:
 
 
 class Homing(Protocol):
-    """Finds the reference of an axis."""
+    """The way in which an axis finds its reference."""
 
     async def find(self, axis: Axis) -> None:
         """Search for the reference, call `axis.reference()`, and come to standstill within the range. Raises
@@ -148,11 +148,11 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         check_numbers(self, above_0=(*names, "search_speed", "stall"), not_negative=("window_time",))
         self.profile = Profile(velocity=self.velocity, acceleration=self.acceleration, jerk=self.jerk)
         self._accept: Accept = ACCEPTED_WHEN_REFERENCED
-        """The qualities of the encoder that are accepted besides GOOD and STALE."""
+        """The qualities of the encoder that are accepted in addition to GOOD and STALE."""
         self._replan: Callable[[], object] = self._stand
-        """Plans again, from where the setpoint then is, what the axis does."""
+        """The function that plans the activity of the axis again, from the setpoint at this time."""
         self._motion: Motion | None = None
-        """The motion that the axis carries out, if it is in a state of motion: no other one ends it."""
+        """The motion that the axis carries out, if the axis is in a state of motion. No other motion ends it."""
 
     # Motions -------------------------------------------------------------------------------------------
 
@@ -590,13 +590,13 @@ class LeftMotion:
         self._motion, self._replan, self._accept = axis._motion, axis._replan, axis._accept
         by = None if self._motion is None else self._motion.by
         self._by = None if by is None or by.done else by
-        """The sequence that jogs, and ends the jog, or None if the jog was begun by a caller that has ended or is not a
+        """The sequence that jogs and ends the jog; None if the caller that began the jog has ended or is not a
         sequence."""
         quality, searched = axis.encoder.quality, self.state is AxisState.HOMING
         self._referenced = quality is not Quality.UNREFERENCED and not (searched and quality is Quality.BAD)
         rests = self.state is _STANDSTILL and not axis._moves()
         self._position = axis.profile.setpoint.position if rests else nan
-        """The position at which it stood, enabled; NaN: it did not."""
+        """The position at which the axis stood while it was enabled; NaN if it did not stand or was not enabled."""
 
     @property
     def _goes_on(self) -> bool:

@@ -42,9 +42,9 @@ class Baseline:
 
 
 class RelaySwitching:
-    """Switches the output up and down around the old one, whenever the measurement leaves a band around the old
-    measurement. In the last cycles the output goes up by a smaller amplitude, as long as this amplitude turns the
-    measurement."""
+    """A relay that switches the output up and down around the old output, whenever the measurement leaves a band around
+    the old measurement. In the last cycles the output goes up by a smaller amplitude, as long as this amplitude turns
+    the measurement."""
 
     def __init__(self, base: Baseline, amplitude: float, rising: bool, hysteresis: float, cycles: int) -> None:
         """`rising`: whether a larger output makes the measurement rise."""
@@ -55,7 +55,7 @@ class RelaySwitching:
         self._full = cycles - (cycles - 1) // 2
         """Cycles with the whole amplitude."""
         self._time = self._longest = 0.0
-        """s of this half cycle, and of the longest one with the whole amplitude."""
+        """The duration in s of this half cycle, and of the longest half cycle with the whole amplitude."""
 
     def next(self, measurement: float, dt: float) -> float | None:
         """Return the next output, or None at the end."""
@@ -85,7 +85,8 @@ class RelaySwitching:
 
 
 class StepChange:
-    """Adds a step to the old output until the measurement has settled, then a smaller step for the same time."""
+    """An excitation that adds a step to the old output until the measurement has settled, and then a smaller step for
+    the same time."""
 
     def __init__(self, base: Baseline, amplitude: float) -> None:
         self.base, self.amplitude = base, amplitude
@@ -93,9 +94,9 @@ class StepChange:
         self._kept: list[float] = []
         self._time = 0.0
         self._pause = 0.0
-        """s from one measurement that is kept to the next."""
+        """The time in s from one measurement that is kept to the next."""
         self._settled: float | None = None
-        """s until the measurement had settled."""
+        """The time in s until the measurement had settled."""
 
     @property
     def low(self) -> float:

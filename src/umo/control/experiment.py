@@ -40,12 +40,13 @@ class LoopExperiments:
         self._base = Baseline()
         self._excitation: RelaySwitching | StepChange | None = None
         self._plan: Callable[[Baseline, float, float], RelaySwitching | StepChange] | None = None
-        """Makes the excitation from the baseline, and the bounds of the output, or None without an experiment."""
+        """The function that makes the excitation from the baseline and the bounds of the output; None without an
+        experiment."""
         self._ended = self._failed = ""
         self._idle = 0
-        """Looks at the law without a step of it."""
+        """The number of checks since the last step of the law."""
         self._most_idle = MAX_IDLE_PERIODS + 1
-        """Such looks at most, of a law that acts."""
+        """The largest number of such checks for a law that acts."""
         self._dt = 0.0
         self._within = inf
         self._until = 0.0
@@ -53,7 +54,8 @@ class LoopExperiments:
         self._driven: float | None = None
         """The output of the experiment that was returned last."""
         self._steps = self._limited = 0
-        """Steps of the excitation, and those of them in which the inner law of a cascade was limited."""
+        """The number of steps of the excitation, and the number of steps in which the inner law of a cascade was
+        limited."""
 
     @action(harmless=True)
     def law(self) -> dict[str, Any]:

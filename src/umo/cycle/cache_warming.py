@@ -49,7 +49,8 @@ def wait_busily(wired: Wired, seconds: float) -> None:
 
 
 class CacheWarming:
-    """Carries out one period of a copy of the machine's objects per call, with at most `COPIED_OBJECTS` of them."""
+    """The function that warms the caches. Each call carries out one period of a copy of at most `COPIED_OBJECTS` of the
+    machine's objects."""
 
     def __init__(self, wired: Wired) -> None:
         """Prepare the copy of the objects of a machine with a timer."""

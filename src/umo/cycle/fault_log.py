@@ -70,7 +70,7 @@ class FaultLog:
             self.mistakes.append(MistakeRecord(event.path, event.time, event.text))
 
     def add_new(self, events: Events) -> None:
-        """Add the new events of a machine in this process, as far as they are kept."""
+        """Add the new events of a machine in this process that are still kept."""
         if events.told == self.next and not events.untold:
             return
         if new := events.number - self.next:

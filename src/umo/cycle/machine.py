@@ -70,7 +70,7 @@ class ConnectedMachine:
         """The group of sequences that a sequence joins if it is started now: the sequences of the application, or of an
         action."""
         self.piling_up = PilingUp()
-        """Detects sequences of one part that are started faster than they end."""
+        """The detection of sequences of one part that are started faster than they end."""
         self.under_way = ActiveWork(self.equipment, self.sequences)
         """The work that a fault of equipment, or a stop, ends."""
         self.facts: list[Callable[[], Mapping[str, str]]] = []

@@ -20,7 +20,7 @@ from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
 UNKNOWN = -1
-"""Stands for an unknown duration."""
+"""The value in place of an unknown duration."""
 CONTROL = "control"
 """The name of the phase of the control code. For a part that does not have the machine's rate, the path of the part
 follows."""

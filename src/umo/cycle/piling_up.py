@@ -22,8 +22,8 @@ MANY = 1000
 
 
 class PilingUp:
-    """Detects sequences that accumulate on one machine. The time of a check is proportional to the number of sequences
-    of a part, so a check is made only when this number has grown by a quarter."""
+    """The detection of sequences that accumulate on one machine. The time of a check is proportional to the number of
+    sequences of a part, so a check is made only when this number has grown by a quarter."""
 
     def __init__(self) -> None:
         self._next: dict[tuple[int, CodeType], int] = {}

@@ -1,7 +1,7 @@
-"""Writes of control code into the image, by the extension in C (`writes.c`) if it is built. In addition to the value, a
-write stores its writer, and sets a bit until the values are sent. A function is called only if a writer other than the
-previous one writes another value (`two_writers.py`). Without the extension only the value is stored, because storing
-more would double the time; then writes are examined in some periods (`sampled_writes.py`).
+"""The writes of control code into the image, by the extension in C (`writes.c`) if the extension is built. In addition
+to the value, a write stores its writer, and sets a bit until the values are sent. A function is called only if a writer
+other than the previous one writes another value (`two_writers.py`). Without the extension only the value is stored,
+because storing more would double the time; then writes are examined in some periods (`sampled_writes.py`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class PlainTurn:
 
 
 class ImageWrites(Protocol):
-    """Writes into the image."""
+    """The functions that write into the image."""
 
     def write(self, slot: int, value: float) -> bool:
         """Write a value within the range. Return True if it was accepted."""

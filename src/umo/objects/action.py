@@ -148,8 +148,8 @@ class Action:
     apart: bool = False
 
     def converted(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the arguments for the method. Raises RangeError or StateError if one is missing, unknown or not
-        allowed."""
+        """Return the arguments for the method. Raises RangeError or StateError if an argument is missing, unknown or
+        not allowed."""
         known = {each.name: each for each in self.arguments}
         for name in given:
             if name not in known:

@@ -29,7 +29,7 @@ from .simulation import Simulation
 MAX_WATCHDOG = 65.535
 """Longest time in s that the register of a watchdog can hold."""
 REPORT_INTERVAL = 0.1
-"""Time in s between two looks at the plant's report."""
+"""The time in s between two checks of the plant's report."""
 
 Ready = Callable[[str, str, int], object]
 """The function that is called with the name, host and port of each box when requests are accepted."""

@@ -39,7 +39,7 @@ FORK_PAUSE = 1.0
 ATTEMPT_PAUSE = 0.2
 """Time in s between two attempts."""
 LOOK_INTERVAL = 0.0005
-"""Time in s between two looks at a process."""
+"""The time in s between two checks of a process."""
 DEATH_TIMEOUT = 5.0
 """Time in s that a killed process may take to end."""
 SPARE_DESCRIPTORS = 16

@@ -53,7 +53,7 @@ FORK_TIMEOUT = 2.0
 """The timeout in s for a forked process to take its lock. It needs 1 ms of a processor, which other processes may
 use."""
 FORK_LOOK_INTERVAL = 0.02
-"""Time in s between two looks at a process that does not hold its lock yet."""
+"""The time in s between two checks of a process that does not hold its lock yet."""
 END_TIMEOUT = 5.0
 """Timeout in s for the end of a process that was killed because it did not take its lock."""
 REPORT_AT = 8 * CELLS

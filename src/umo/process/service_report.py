@@ -19,7 +19,7 @@ from umo.system import calls, notify
 from umo.system.notify import ServiceManager
 
 STATUS_INTERVAL = 1.0
-"""Shortest time in s between two looks at the state of the machine."""
+"""The shortest time in s between two checks of the state of the machine."""
 SHOWN = ("mode", "progress", "in fault", "alarms")
 """The facts of a run in the status line."""
 

@@ -206,7 +206,7 @@ def standing(device: str) -> list[Ended]:
 
 
 def all_standing() -> list[Ended]:
-    """Return every record of every user without a safe end, also those of running machines."""
+    """Return every record of every user without a safe end, including the records of running machines."""
     return [ended for ended in _all(f"*{SUFFIX}") if ended.state != "ended"]
 
 

@@ -33,7 +33,7 @@ STOPPED, ENDED = "Tt", "ZX"
 SIGKILL_PENDING = re.compile(r"^S\w\wPnd:\t[0-9a-f]*[13579bdf][0-9a-f]{2}$", re.M)
 """A line of proc_pid_status(5), SigPnd or ShdPnd: the masks of pending signals, in which SIGKILL is the ninth bit."""
 LOOK_INTERVAL = 0.0005
-"""Time in s between two looks at another process."""
+"""The time in s between two checks of another process."""
 MAX_NAME_BYTES = 15
 """The largest number of bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 
 Kept = Callable[[str], bool]
-"""Returns True if a protocol can represent a character."""
+"""The function that returns True if a protocol can represent a character."""
 NO_NAME = "\0"
 """The escape for a part without a name. It occurs nowhere else."""
 DIGEST = 16

@@ -46,7 +46,7 @@ def _numbers(meters: HourMeters) -> Mapping[str, Number]:
 
 
 class HourMeters(AttachedPart, numbers=_numbers):
-    """An hour meter of each actuator of the machine: write `meters: HourMeters` in the class of the machine, and
+    """An hour meter of each actuator of the machine. Write `meters: HourMeters` in the class of the machine, and
     `meters=HourMeters()` where the machine is made. `meters.PATH.hours` is a number that is shown and kept
     (`docs/howto-keep-values.md`).
 

@@ -14,7 +14,7 @@ from umo.text import did_you_mean
 
 
 class WriteTrace(AttachedPart):
-    """The last writes of each actuator of the machine: write `writes: WriteTrace` in the class of the machine, and
+    """The last writes of each actuator of the machine. Write `writes: WriteTrace` in the class of the machine, and
     `writes=WriteTrace()` where the machine is made. `umo do STATION call writes.last path=tank.inlet` shows the writes.
 
     The trace also has refused writes, and each default that an interlock, a fault, a reset or an expiry has sent. While

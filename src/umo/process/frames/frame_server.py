@@ -40,7 +40,7 @@ ended."""
 CONNECT_PAUSE = 0.005
 """The time in s until the next attempt of a client while too many clients wait."""
 ANSWER_LOOK_INTERVAL = 0.1
-"""Time in s between two looks at the process that must answer."""
+"""The time in s between two checks of the process that must answer."""
 GUARDIAN_NAMES = ("umo guardian", "umo standby")
 """The names of the processes that answer for their child process, which has made the socket."""
 ACCEPT_PAUSE = 0.1

@@ -114,7 +114,7 @@ def event_checksum(sequence: int, body: bytes) -> int:
 
 
 def cut(text: str, size: int) -> bytes:
-    """Return a text cut to this number of bytes, without half a character at the end."""
+    """Cut a string to this number of bytes, and return it without an incomplete character at the end."""
     found = text.encode(errors="replace")
     return found if len(found) <= size else found[:size].decode(errors="ignore").encode()
 
