@@ -124,7 +124,7 @@ class HasWatchdog(ABC):
 
 
 def arm_watchdog(driver: object, seconds: float) -> None:
-    """Arm the watchdog of the driver's circuit; raises NoWatchdog if it has none."""
+    """Arm the watchdog of the driver's circuit. Raises NoWatchdog if the circuit has none."""
     if not isinstance(driver, HasWatchdog):
         raise NoWatchdog(f"{type(driver).__name__} has no watchdog of its own")
     driver.watchdog(seconds)

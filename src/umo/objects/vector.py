@@ -120,7 +120,7 @@ class Vector(Generic[A]):
         return taken and free
 
     def mask(self, where: BoolArray) -> BoolArray:
-        """Return the mask if it has a bool for each object; raises RangeError otherwise."""
+        """Return the mask. Raises RangeError unless it has a bool for each object."""
         if not isinstance(where, np.ndarray) or where.dtype != np.bool_ or where.shape != (len(self),):
             raise RangeError(f"{where!r} is not an array of {len(self)} booleans")
         return where

@@ -163,7 +163,7 @@ class Furnace(
     @action(peak=lambda furnace: Range("degC", 100.0, furnace.hottest), ramp=Range("K/s", 0.1, 4.0))
     async def heat_up(self, peak: float, ramp: float) -> None:
         """Heat up to the profile with its highest temperature `peak` (degC), at `ramp` (K/s). Raises HeatingError if
-        this takes more than a minute longer than planned."""
+        this takes longer than `peak / ramp` plus a minute."""
         if not 100.0 <= peak <= self.hottest:
             raise RangeError(f"peak must be 100 to {self.hottest:g} degC, not {peak:g}")
         if not 0.1 <= ramp <= 4.0:
