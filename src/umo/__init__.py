@@ -4,8 +4,9 @@ Declare a machine's actuators and sensors, wire each to a driver's channel in a 
 code that does not depend on the circuits. After Muir and Horner, "Mechatronic objects for
 real-time control software development" (1998).
 
-Here is what every program needs. The rest has a module each: two-state types `umo.states`, errors `umo.errors`, control
-laws and axes `umo.control`, what a driver needs `umo.drivers`, what tests need `umo.testing`.
+This module has the names that every program needs. Other names are in modules: two-state types in `umo.states`, errors
+in `umo.errors`, control laws and axes in `umo.control`, names for drivers in `umo.drivers`, names for tests in
+`umo.testing`.
 """
 
 from __future__ import annotations
@@ -89,8 +90,8 @@ _ROOM_OF = dict.fromkeys(__all__, "objects") | {name: room for room, names in _R
 
 
 def __getattr__(name: str) -> Any:
-    """Each name, and each package of umo, is imported when it is first asked for (PEP 562): a program that declares or
-    analyses does not wait for the cycle and its processes."""
+    """Import a name or a package of umo when it is first used (PEP 562), so that a program that declares or analyses
+    does not wait for the import of the cycle and its processes."""
     if (room := _ROOM_OF.get(name)) is not None:
         found = globals()[name] = getattr(importlib.import_module(f"umo.{room}"), name)
         return found
@@ -106,13 +107,13 @@ def __dir__() -> list[str]:
 def load(
     path: Path | str, only: Sequence[str] = (), start: float | None = None, stop: float | None = None
 ) -> xarray.Dataset:
-    """A recording (`umo run --record`) as an xarray Dataset: a variable for each object and signal along `time`.
+    """Return a recording (`umo run --record`) as an xarray Dataset: a variable for each object and signal along `time`.
 
-    `only`: paths or patterns, all without; `start`, `stop`: s on the machine's clock, `stop` excluded. The coordinates
-    are `time`, s on the machine's clock, and `utc`. Units, ranges and states are attributes; `PATH.quality` is the
-    quality of an object's value, which is NaN where it was BAD. Raises OptionError without xarray (extra `analysis`),
-    FramesError if it is not a recording, PathError for a path that names nothing. Source:
-    `umo.recording.tables.dataset`.
+    `only`: paths or patterns; without it, everything is loaded. `start`, `stop`: times in s on the machine's clock;
+    `stop` is excluded. The coordinates are `time`, in s on the machine's clock, and `utc`. Units, ranges and states are
+    attributes. `PATH.quality` is the quality of an object's value; the value is NaN where its quality was BAD. Raises
+    OptionError if xarray is not installed (extra `analysis`), FramesError if the file is not a recording, PathError for
+    a path that names nothing. Source: `umo.recording.tables.dataset`.
     """
     from umo.recording.tables import dataset
 

@@ -1,4 +1,4 @@
-"""The one grammar of sizes: a text such as "200 MB"."""
+"""The grammar of sizes: a string such as "200 MB"."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ UNITS = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
 def byte_size(size: object, least: int) -> int:
-    """Return a size in bytes. Raises DeclarationError if the text is not a size, not a whole number of kB, or less than
-    `least`."""
+    """Return a size in bytes. Raises DeclarationError if the string is not a size, or if the size is not a whole number
+    of kB or is less than `least`."""
     match = _TEXT.fullmatch(size) if isinstance(size, str) else None
     if match is None:
         raise DeclarationError(f"{size!r} is not a size such as '200 MB'; units: {', '.join(UNITS)}")

@@ -1,7 +1,8 @@
-"""The digits of a number. `presentation.js` of the page has the same rules; a test compares the two.
+"""The digits with which a number is shown. `presentation.js` of the page has the same rules; a test compares the two.
 
-A value with a resolution gets as many digits after the point as distinguish its raw values, or up to two more if the
-resolution is then exact (0.25), and never an exponent. A value without a resolution gets six significant digits.
+A value with a resolution has as many digits after the point as are necessary to distinguish its raw values, or up to
+two more if they make the resolution exact (0.25). It never has an exponent. A value without a resolution has six
+significant digits.
 """
 
 from __future__ import annotations
@@ -14,31 +15,33 @@ from math import floor, inf, isfinite, log10
 NO_VALUE = "-"
 SIGNIFICANT_DIGITS = 6
 SURE_DIGITS = 15
-"""Number of digits that every float has; more follow only if it is written to the last bit."""
+"""The number of significant digits that every float has. More digits appear only if the float is written to the last
+bit."""
 MAX_DIGITS = 99
-"""Largest number of digits after the point: a browser can show 100, and one more is examined."""
+"""The largest number of digits after the point. A browser can show 100, and the code examines one more than it
+shows."""
 FEW_STEPS = 1e4
-"""Number of steps of a scale from 0 that six significant digits distinguish."""
+"""The number of steps of a scale from 0 that six significant digits can distinguish."""
 MIN_POWER, MAX_POWER = -4, 9
-"""Powers of ten from which on, and up to which, six significant digits are shown without an exponent."""
+"""The least and the greatest power of ten at which six significant digits are shown without an exponent."""
 MAX_FIXED = 1e21
-"""Magnitude from which on no digits after the point are shown, as in a browser."""
+"""The magnitude from which on no digits after the point are shown; a browser does the same."""
 DRIFT_SHARE = 1e-12
-"""Difference, as a share of the resolution, that does not add up to one step within 2**32 steps."""
+"""The difference, as a share of the resolution, that does not add up to one step within 2**32 steps."""
 CLEAR_SHARE = 1e-5
-"""Share of the resolution by which a digit must be smaller, so that no rounding error of a float decides which raw
-value is nearest."""
+"""The share of the resolution by which a digit must be smaller than the resolution, so that no rounding error of a
+float decides which raw value is nearest."""
 MORE_DIGITS = 2
 """Largest number of digits beyond those needed, so that a short resolution is not rounded."""
 OFFSET_SHARE = 0.49
-"""Share of a digit by which the value of raw 0 may differ from a multiple of the digit; a larger difference may be
+"""The share of a digit by which the value of raw 0 may differ from a multiple of the digit. A larger difference may be
 rounded up or down."""
 
 
 @lru_cache(maxsize=4096)
 def digits_of(resolution: float, zero_offset: float = 0.0) -> int:
-    """Number of digits after the point, up to 99, that distinguish the values of two adjacent raw integers, so that a
-    text stands for one raw integer. `zero_offset`: the value of raw 0."""
+    """Return the number of digits after the point, up to 99, that distinguish the values of two adjacent raw integers,
+    so that each text stands for one raw integer. `zero_offset`: the value of raw 0."""
     step = abs(resolution)
     digits = min(max(0, floor(-log10(step))), MAX_DIGITS)
     while digits < MAX_DIGITS and not _tells_apart(10.0**-digits, step, zero_offset):
@@ -73,7 +76,8 @@ def number_text(value: float, digits: int | None = None) -> str:
 
 
 def scale_texts(levels: Sequence[float]) -> list[str]:
-    """The numbers beside a scale, evenly spaced: six significant digits, or as many as the step has."""
+    """Return the texts of the numbers on a scale, evenly spaced. They have six significant digits, or as many as the
+    step has."""
     step = float(f"{abs(levels[1] - levels[0]):.6g}") if len(levels) > 1 else inf
     few = all(abs(level) < FEW_STEPS * step for level in levels)
     digits = None if few else next(each for each in range(MAX_DIGITS + 1) if round(step, each) == step)
@@ -81,7 +85,7 @@ def scale_texts(levels: Sequence[float]) -> list[str]:
 
 
 def setting_text(value: float) -> str:
-    """The text of a setting, with all digits that a float reliably has; for an integer, with all its digits."""
+    """Return the text of a setting, with all digits that a float reliably has; for an integer, with all its digits."""
     return f"{value:.{SURE_DIGITS}g}" if isinstance(value, float) else str(value)
 
 
@@ -89,8 +93,9 @@ _WITH_POINT = re.compile(r"(?<![\w.])-?(\d+\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
 
 def with_short_numbers(text: str) -> str:
-    """A text in which a number has more digits than a float surely has (0.30000000000000004), such as a result in JSON,
-    with the digits that are shown for a single number (0.3). For human readers; programs use the text as it is."""
+    """Shorten the numbers in a text, such as a result in JSON: a number that has more digits than a float surely has
+    (0.30000000000000004) gets the digits that are shown for a single number (0.3). For human readers; programs use the
+    original text."""
     return _WITH_POINT.sub(lambda found: number_text(float(found[0])) if _is_long(found[1]) else found[0], text)
 
 

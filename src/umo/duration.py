@@ -1,5 +1,5 @@
-"""Parses and formats durations. A duration is a number of seconds, or a text such as "20 ms", "0.2 seconds", "1e-3
-s"."""
+"""Functions that parse and format durations. A duration is a number of seconds, or a string such as "20 ms", "0.2
+seconds", "1e-3 s"."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SECONDS = {
 
 
 def seconds(duration: str | float) -> float:
-    """A duration in s; finite and not negative. Raises DeclarationError for anything else."""
+    """Return a duration in s. Raises DeclarationError unless it is finite and not negative."""
     try:
         if isinstance(duration, bool):
             raise TypeError
@@ -42,7 +42,7 @@ def seconds(duration: str | float) -> float:
 
 def seconds_of_setting(duration: str | float) -> float:
     """Return the duration of a setting in s. A whole number from 1 on needs a unit, because `period = 50` could mean ms
-    or s; 50.0 is in s. DeclarationError with both."""
+    or s; 50.0 is in s. Raises DeclarationError, which names both."""
     found = seconds(duration)
     if found >= 1 and isinstance(duration, int):
         raise DeclarationError(f'{duration!r} has no unit: write "{duration} ms" or "{duration} s"')

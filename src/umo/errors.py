@@ -58,13 +58,13 @@ from umo.text import (
 )
 
 FAILURES = (Exception, SystemExit)
-"""Exceptions that count as failures of a driver's call. SystemExit is one, because it would end the program without an
-error."""
+"""The exceptions that count as failures of a driver's call. SystemExit is among them, because it would end the program
+without an error."""
 
 
 class UmoError(Exception):
-    """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor.
-    Long texts echoed in a message are cut (`umo.text.cut_words`)."""
+    """Base of all errors that umo raises. All of them can be copied and pickled, whatever the arguments of the
+    constructor. Long words that a message repeats are cut (`umo.text.cut_words`)."""
 
     def __init__(self, *args: object) -> None:
         super().__init__(*(cut_words(each) if isinstance(each, str) else each for each in args))
@@ -82,8 +82,8 @@ def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any])
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal has ended the run of a machine, user's code that did not end by itself, or code that ran before there
-    was a machine. `number`: that of the signal. `result`: what the run has produced so far."""
+    """A signal has ended the run of a machine, user code that did not end by itself, or code that ran before there was
+    a machine. `number`: the number of the signal. `result`: what the run has produced so far."""
 
     def __init__(self, what: str, number: int, result: Any = None) -> None:
         super().__init__(what)
@@ -130,7 +130,7 @@ _PLACEHOLDER = re.compile(r"(?<![^\W_])(?:N|TYPE)(?![^\W_])|[{\[]")
 
 
 class ChannelError(WiringError):
-    """The text of a channel is not a form that its driver knows."""
+    """The text of a channel has no form that its driver knows."""
 
     def __init__(self, text: str, forms: Iterable[str]) -> None:
         forms = list(forms)
@@ -205,9 +205,9 @@ class DeviceTimeout(DriverError, TimeoutError):
 
 
 class ChannelsFailed(DriverError):
-    """Raised by a driver's block transfer: these channels failed, all others were transferred.
+    """Some channels of a driver's block transfer failed; all others were transferred.
 
-    `causes` holds an exception, or a text, for the text of each channel that failed. Only the texts are kept.
+    `causes` maps the text of each failed channel to an exception or a string. Only the text of an exception is kept.
     """
 
     def __init__(self, causes: Mapping[str, Exception | str]) -> None:
@@ -219,12 +219,12 @@ class ChannelsFailed(DriverError):
 
 
 class StopError(DriverError):
-    """Raised if outputs could not be brought to their defaults; lists them."""
+    """Some outputs could not be brought to their defaults; the error lists them."""
 
 
 class BadInput(UmoError, RuntimeError):
     """A control law has read a sensor whose quality it does not accept, or code has read the state of a sensor that was
-    never read (`why`). For a Vector: the first sensor, and the number of others."""
+    never read (`why`). For a Vector the error names the first sensor and the number of others."""
 
     def __init__(self, path: str, quality: object, others: int = 0, *, why: str = "") -> None:
         more = f", and {others} more of the Vector {'is' if others == 1 else 'are'} not accepted" if others else ""
@@ -243,9 +243,9 @@ class Interlocked(UmoError, RuntimeError):
 
 
 class CommandRefused(UmoError, RuntimeError):
-    """A client's command was refused: it needs the lease, another client has the lease, or the mode does not allow it;
-    nothing was changed. Also raised if a hold of the client has ended, because of an interlock, a fault of its
-    equipment, or another client."""
+    """A client's command was refused: the client does not have the lease, another client has it, or the mode does not
+    allow the command. Nothing was changed. Also raised if a hold of the client has ended because of an interlock, a
+    fault of the equipment, or another client."""
 
 
 class LeaseHeld(CommandRefused):
@@ -273,7 +273,7 @@ class EquipmentFault(TaskFailed):
     started in it before `clear`."""
 
     def __init__(self, path: str, reason: str | Callable[[], str]) -> None:
-        """If `reason` is a function, it is called when the text is needed, because it may call the user's code."""
+        """If `reason` is a function, it is called only when the text is needed, because it may call the user's code."""
         super().__init__(path, reason)
         self.path = path
         self._reason = reason
@@ -305,23 +305,25 @@ class AcknowledgeRequired(UmoError, RuntimeError):
 
 
 class FramesError(UmoError, RuntimeError):
-    """A ring of frames cannot be created or read: wrong version, owner is another user, disk full."""
+    """A ring of frames cannot be created or read: its version is wrong, it belongs to another user, or the disk is
+    full."""
 
 
 class Cancelled(BaseException):
-    """Raised inside a sequence when the machine stops or when a sequence in the same `together` failed."""
+    """The machine stops, or a sequence in the same `together` has failed. Raised inside a sequence."""
 
 
 def text_of(error: BaseException) -> str:
     """Return the text of an exception in one line. An exception of umo, of the operating system or of a device explains
-    itself. Any other one comes from a mistake in code, so its type precedes the text, and the place where it was raised
-    follows."""
+    itself. Any other exception comes from an error in code, so its type precedes the text, and the place where it was
+    raised follows."""
     return text_later(error)()
 
 
 def text_later(error: BaseException) -> Callable[[], str]:
-    """Return a function that makes the text of an exception later, since that calls the user's code (`__str__`), which
-    may be slow. The place is determined now, so the error may lose its frames before."""
+    """Return a function that makes the text of an exception later, because making the text calls the user's code
+    (`__str__`), which may be slow. The place is determined now, so that the error may lose its frames before the text
+    is made."""
     return partial(_text_of, error, raised_at(error))
 
 
@@ -342,12 +344,12 @@ def _nearest_attribute(error: AttributeError) -> str:
 
 
 def forget_frames(error: BaseException) -> None:
-    """Drop the frames that an error and its causes refer to, when the text of the error is known and it is not raised
-    again.
+    """Drop the frames to which an error and its causes refer, when the text of the error is known and the error is not
+    raised again.
 
-    A frame that holds an exception of its own traceback forms a circle of references, which only the garbage collector
-    frees, and that is off while a machine runs. An error that a frame is still handling, such as the end of the run,
-    keeps its own.
+    A frame that holds an exception whose traceback contains the frame forms a circle of references. Only the garbage
+    collector frees such a circle, and the collector is off while a machine runs. An error that a frame is still
+    handling, such as the end of the run, keeps its frames.
     """
     with suppress(BaseException):  # an exception of the user's may refuse anything
         trace = error.__traceback__
@@ -358,8 +360,8 @@ def forget_frames(error: BaseException) -> None:
 
 
 def cause_of_failure(error: BaseException) -> str:
-    """Return the text of the cause of a failed call. The error loses its frames, because a channel may stay broken for
-    a day."""
+    """Return the text of the cause of a failed call. The error loses its frames, because a channel may fail for a
+    day."""
     cause = text_of(error)
     forget_frames(error)
     return cause

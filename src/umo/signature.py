@@ -1,4 +1,5 @@
-"""Signatures and annotations of the user's functions and classes, and the types whose values can be given as text."""
+"""Signatures and annotations of the user's functions and classes, and the types whose values can be given as
+strings."""
 
 from __future__ import annotations
 
@@ -12,14 +13,14 @@ from types import NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 JSON = (int, float, str, bool, inspect.Parameter.empty)
-"""Types whose values need no conversion from JSON; and `empty`, for a parameter without a known type, which is given as
-text."""
+"""The types whose values need no conversion from JSON, and `empty` for a parameter without a known type, whose value is
+given as a string."""
 
 
 def signature_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
-    """Return all parameters by name, each annotated with the type of its values: its annotation, evaluated. If that is
-    not possible (a type that is imported for type checkers only) or there is none, the type of the default. Empty for a
-    function without a signature."""
+    """Return all parameters by name, each annotated with the type of its values: the evaluated annotation. If the
+    annotation cannot be evaluated (a type that is imported for type checkers only) or is missing, the type of the
+    default is used. The result is empty for a function without a signature."""
     try:
         found = inspect.signature(function).parameters
     except (TypeError, ValueError):
@@ -36,8 +37,9 @@ def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, insp
 
 @cache
 def hints_of(cls: Any) -> dict[str, Any]:
-    """The annotated type of each attribute of a class and of its bases, with the additions of `Annotated`; a text if it
-    cannot be evaluated (a class declared inside a function, a type that is imported for type checkers only)."""
+    """Return the annotated type of each attribute of a class and of its bases, with the additions of `Annotated`. The
+    type is a string if it cannot be evaluated (a class declared inside a function, a type that is imported for type
+    checkers only)."""
     hints: dict[str, Any] = {}
     for base in reversed(cls.__mro__):
         names = vars(sys.modules.get(base.__module__, object))
@@ -51,7 +53,7 @@ def hints_of(cls: Any) -> dict[str, Any]:
 
 def evaluated(annotation: Any, names: Any, more: Any = None, extras: bool = False) -> Any:
     """Return the type of an annotation; with `extras`, including the additions of `Annotated`. If it cannot be
-    evaluated, the annotation itself."""
+    evaluated, return the annotation itself."""
     holder = SimpleNamespace(__annotations__={"it": annotation})
     try:
         return get_type_hints(holder, dict(names), dict(more or {}), include_extras=extras)["it"]
@@ -76,7 +78,7 @@ def item_of(kind: Any) -> Any:
 
 
 def choices_of(kind: Any) -> list[Any]:
-    """The values of a Literal or an Enum; empty for any other type."""
+    """Return the values of a Literal or an Enum; empty for any other type."""
     if get_origin(kind) is Literal:
         return list(get_args(kind))
     if isinstance(kind, type) and issubclass(kind, Enum):
@@ -85,15 +87,15 @@ def choices_of(kind: Any) -> list[Any]:
 
 
 def is_plain(kind: Any) -> bool:
-    """True if values of this type can be given as text."""
+    """Return True if values of this type can be given as strings."""
     item = item_of(kind)
     choices = choices_of(item)
     return item in (*JSON, Path) or (bool(choices) and all(isinstance(choice, int | float | str) for choice in choices))
 
 
 def is_converted(kind: Any) -> bool:
-    """True if values of this type are converted from JSON (an Enum, a Path, a tuple), or only some values are allowed
-    (a Literal)."""
+    """Return True if values of this type are converted from JSON (an Enum, a Path, a tuple), or only some values are
+    allowed (a Literal)."""
     return is_plain(kind) and without_none(kind) not in JSON
 
 

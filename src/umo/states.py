@@ -2,9 +2,9 @@
 
 A two-state type names two states and carries no level; which state is the electrical 1 is set in the declaration of an
 object (`one=`), as in the paper. A state has no truth value, so `if sensor.read():` is an error: write `if
-sensor.read() is OnOff.ON:`. It is compared with states of its own type and with None; with a state of another type, a
-number or a text `==` raises TypeError, as would `in` and `case` of a `match`. `is` cannot raise: `umo check` and type
-checkers find it (decision 83).
+sensor.read() is OnOff.ON:`. A state can be compared with states of its own type and with None. A comparison with a
+state of another type, a number or a string raises TypeError, with `==`, with `in` and in a `case` of a `match`. `is`
+cannot raise an error: `umo check` and type checkers find a wrong comparison with `is` (decision 83).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from umo.text import cut_repr
 
 
 class TwoState(Enum):
-    """Base of all two-state types; derive one by naming exactly two states."""
+    """Base of all two-state types; derive a type by naming exactly two states."""
 
     _hash: int
 
@@ -58,7 +58,8 @@ class TwoState(Enum):
 
 
 def is_plain(given: object) -> bool:
-    """True if a value is a number, a text or a state, to which no object, and no state of another type, is equal."""
+    """Return True if a value is a number, a string or a state. No object, and no state of another type, is equal to
+    such a value."""
     return isinstance(given, Enum | int | float | str | bytes | Number)
 
 
@@ -68,7 +69,7 @@ def shown(given: object) -> str:
 
 
 def comparisons(states: type[TwoState], meant: object, what: str = "") -> str:
-    """Return what to write instead: a comparison with the state that has this name, or comparisons with each state."""
+    """Return what to write instead: a comparison with the state of this name, or a comparison with each state."""
     name = str(getattr(meant, "name", meant)).upper()
     named = [name] if name in states.__members__ else list(states.__members__)
     return " or ".join(f"`{what}is {states.__name__}.{each}`" for each in named)

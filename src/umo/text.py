@@ -1,4 +1,4 @@
-"""Words for messages: the nearest known name, and the time and place of an exception."""
+"""Parts of messages: the nearest known name, and the time and place of an exception."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAX_NAMES = 2
 
 
 class NamedNumber(IntEnum):
-    """A number that is shown by its name, in words."""
+    """A number that is shown as a name in words."""
 
     def __str__(self) -> str:
         return self.name.lower().replace("_", " ")
@@ -69,7 +69,7 @@ def add_note(error: BaseException, note: str) -> None:
 
 
 def in_a_line(text: str) -> str:
-    """Join the lines of a text with "; "."""
+    """Join the lines of a string with "; "."""
     return "; ".join(line.strip() for line in text.splitlines() if line.strip())
 
 
@@ -120,8 +120,8 @@ def raised_at(error: BaseException) -> CodePlace | None:
 
 def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
     """Return the place, such as `control.py:41 in control`, of the innermost of these frames (the outermost is first)
-    that belongs neither to umo nor to Python. A frame of an installed package counts only if there is no other. Empty
-    if there is none."""
+    that belongs neither to umo nor to Python. A frame of an installed package counts only if there is no other frame.
+    The result is empty if there is no such frame."""
     found = [frame for frame in frames if not is_own(frame[0])]
     users = [frame for frame in found if not _is_installed(frame[0])]
     return shown_place(CodePlace(*(users or found)[-1]) if found else None)
@@ -136,13 +136,13 @@ def shown_place(place: CodePlace | None) -> str:
 
 
 def is_users(file: str) -> bool:
-    """True if a file of code belongs to the user: not to umo, Python or an installed package."""
+    """Return True if a file of code belongs to the user: not to umo, Python or an installed package."""
     return not is_own(file) and not _is_installed(file)
 
 
 @lru_cache(maxsize=1000)
 def is_own(file: str) -> bool:
-    """True if a file of code belongs to umo or Python."""
+    """Return True if a file of code belongs to umo or Python."""
     if file.startswith((UMO, COMMAND)):
         return not file.startswith(STATIONS)
     return file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and not _is_installed(file))
@@ -185,13 +185,14 @@ def others(count: int) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text without control characters, which a terminal would obey. To be used for every text in one line that
+    """Return a string without control characters, which a terminal would obey. Use it for every one-line string that
     comes from another process, from a file or over a network."""
     return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def time_of_day(seconds: object, form: str = "%Y-%m-%d %H:%M:%S") -> str:
-    """Return the local time for s since 1970 from another process, even if the number is not a valid time."""
+    """Return the local time for a number of s since 1970 that another process has sent, even if the number is not a
+    valid time."""
     try:
         return time.strftime(form, time.localtime(seconds))  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError, OSError):
@@ -199,8 +200,8 @@ def time_of_day(seconds: object, form: str = "%Y-%m-%d %H:%M:%S") -> str:
 
 
 def options_in(doc: str) -> dict[str, str]:
-    """Return the text for each name in the section "Options:" of a docstring: `host, port: the device`, and lines that
-    are indented further."""
+    """Return the text for each name in the section "Options:" of a docstring. An entry has the form `host, port: the
+    device` and may continue on lines with a deeper indent."""
     found: dict[str, str] = {}
     names: list[str] = []
     for line in inspect.cleandoc(doc).partition("\nOptions:\n")[2].splitlines():
@@ -221,7 +222,7 @@ _SEARCHES = ContextVar("searches", default=True)
 
 @contextmanager
 def without_search() -> Iterator[None]:
-    """Return a context in which messages do not suggest similar names, because the client looks for them."""
+    """Return a context in which messages do not suggest similar names, because the client searches for them."""
     before = _SEARCHES.set(False)
     try:
         yield
@@ -230,8 +231,8 @@ def without_search() -> Iterator[None]:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the nearest of the known names as text to append to a message; empty if none is similar, or within
-    `without_search`."""
+    """Return the nearest of the known names as text to append to a message. The text is empty if no name is similar,
+    and within `without_search`."""
     if not _SEARCHES.get():
         return ""
     near = difflib.get_close_matches(name[:200], list(islice(known, COMPARED_NAMES)), n=1, cutoff=0.5)
@@ -245,8 +246,8 @@ WRITE_WORDS = frozenset(("write", "set", "set_value", "put", "on", "off", "open"
 
 
 def near_attribute(name: str, known: Collection[str]) -> str:
-    """Return a similar attribute: a public one for a public one, and `read()` or `write(...)` of an object for its
-    value."""
+    """Return a similar attribute, which is public if the given one is public. If the name asks for the value of an
+    object, return `read()` or `write(...)`."""
     if name in READ_WORDS and "read" in known:
         return " (did you mean 'read()'?)"
     if name in WRITE_WORDS and "read" in known and "direction" in known:
@@ -262,7 +263,8 @@ _TAIL = 20
 
 
 def cut_words(text: str) -> str:
-    """Return a message with its words cut to `MAX_WORD` characters, because it may repeat any text of a user."""
+    """Return a message with its words cut to `MAX_WORD` characters, because the message may repeat any string of a
+    user."""
     if len(text) <= MAX_WORD:
         return text
     return _LONG_WORD.sub(lambda found: f"{found[0][: MAX_WORD - _TAIL - 3]}...{found[0][-_TAIL:]}", text)

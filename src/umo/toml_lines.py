@@ -1,4 +1,5 @@
-"""Finds the lines of the keys in a TOML text, which Python's parser does not report. Used only to report a mistake."""
+"""The line numbers of the keys in a TOML file, which Python's parser does not report. They are used only to report
+errors."""
 
 from __future__ import annotations
 
@@ -37,8 +38,8 @@ def lines_of(text: str) -> dict[str, int]:
 
 
 def line_of(key: str, lines: Mapping[str, int]) -> int | None:
-    """Return the line of a key in the form of a message, such as `wire."z.motor".channel`; for a missing key, the line
-    of the nearest table around it. None if there is no such table."""
+    """Return the line of a key, given in the form that messages have, such as `wire."z.motor".channel`. For a missing
+    key, return the line of the nearest table around it. None if there is no such table."""
     path = _QUOTES.sub("", key)
     while path and path not in lines:
         path = path.rpartition(".")[0]

@@ -1,5 +1,5 @@
-"""The one way to call the user's code: whatever it raises or returns becomes an error with its place, and has no other
-effect.
+"""The only way to call the user's code. Whatever this code raises, and any wrong value that it returns, becomes an
+error with its place and has no other effect.
 
 The user's code is all code that umo calls but that is not part of umo: observers, conditions, actions, properties,
 sequences that clean up, the declarations of a station. Decision 0022 lists the places.
@@ -26,23 +26,24 @@ MAX_LENGTH = 2000
 
 
 class Raised(NamedTuple):
-    """An error of the user's code, with its text and place. The exception's own traceback is gone: it would keep alive
-    every object that the code had at hand."""
+    """An error of the user's code, with its text and place. It does not keep the traceback of the exception, which
+    would keep every object alive that the code had used."""
 
     kind: type[BaseException]
     text: str
     """The text of the exception (`text_of`)."""
 
     def __str__(self) -> str:
-        """The text, with the type in any case, because a client raises the same error."""
+        """Return the text, which always includes the type, because a client raises the same error."""
         return f"{self.kind.__name__}: {self.text}" if issubclass(self.kind, UmoError) else self.text
 
 
 def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | None]:
-    """Call the user's code. Return its result and None; or None and the error that it raised, of any class.
+    """Call the user's code. Return its result and None, or None and the error that it raised, whatever the class of the
+    error.
 
-    Only a Ctrl-C passes: a KeyboardInterrupt in the main thread, while Python's own handler of SIGINT is installed.
-    While a machine is connected, that handler is not installed: SIGINT asks the machine to stop, a KeyboardInterrupt
+    Only a Ctrl-C passes: a KeyboardInterrupt in the main thread, while Python's handler of SIGINT is installed. While a
+    machine is connected, this handler is not installed: then SIGINT asks the machine to stop, a KeyboardInterrupt
     counts as an error of the code that raises it, and the `Interrupted` of a further signal passes."""
     try:
         return call(*arguments), None
@@ -51,8 +52,8 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | No
 
 
 def told(error: BaseException) -> Raised:
-    """Return the error that has just been caught, as a `Raised`. It releases the frames in which it was raised. A
-    Ctrl-C is raised again."""
+    """Return the error that has just been caught as a `Raised`. The frames in which the error was raised are released.
+    A Ctrl-C is raised again."""
     if is_interrupt(error):
         raise error
     text = text_of(error)
@@ -87,15 +88,15 @@ def definition(function: Callable[..., Any]) -> CodePlace | None:
 
 
 def abstract_names(cls: type) -> frozenset[str]:
-    """Return the abstract functions of a class (`abstractmethod`) that neither the class nor a base defines, like
-    `__abstractmethods__` of a class of `abc`."""
+    """Return the abstract functions of a class (`abstractmethod`) that neither the class nor a base defines. It
+    corresponds to `__abstractmethods__` of a class of `abc`."""
     known = {name for base in cls.__bases__ for name in getattr(base, "_abstract", ())}
     known |= {name for name, value in vars(cls).items() if getattr(value, "__isabstractmethod__", False)}
     return frozenset(name for name in known if getattr(getattr(cls, name, None), "__isabstractmethod__", False))
 
 
 def incomplete(cls: type, names: Collection[str]) -> DeclarationError:
-    """Return the error for an object of a class that lacks these functions."""
+    """Return the error to raise for an object whose class lacks these functions."""
     base = next(each for each in reversed(cls.__mro__) if min(names) in vars(each))
     kinds = cls.__mro__[: cls.__mro__.index(base)]
     own = {name for kind in kinds for name, value in vars(kind).items() if isinstance(value, FunctionType | property)}
@@ -105,7 +106,7 @@ def incomplete(cls: type, names: Collection[str]) -> DeclarationError:
 
 
 def class_place(cls: type) -> CodePlace | None:
-    """Return where a class begins in the source, or None without its source."""
+    """Return the place where a class begins in the source, or None if there is no source."""
     try:
         return CodePlace(getsourcefile(cls) or "", getsourcelines(cls)[1], "<module>")
     except (OSError, TypeError):  # it was made by a program, or in an interactive session
@@ -113,7 +114,8 @@ def class_place(cls: type) -> CodePlace | None:
 
 
 def check_acts_at_once(what: str, function: Any) -> None:
-    """Raise DeclarationError for a sequence in place of a plain function: as a condition it would always be true."""
+    """Raise DeclarationError for a sequence in place of a plain function: a sequence used as a condition would always
+    be true."""
     if iscoroutinefunction(function):
         place = in_brackets(shown_place(definition(function)))
         raise DeclarationError(f"{what} is a sequence; it must act at once: `def`, not `async def`{place}")
@@ -121,7 +123,7 @@ def check_acts_at_once(what: str, function: Any) -> None:
 
 @contextmanager
 def raise_as(kind: type[UmoError], what: str) -> Iterator[None]:
-    """Return a context that turns exceptions into an error of this kind whose text begins with `what`. For
+    """Return a context that turns exceptions into an error of this kind, whose text begins with `what`. Use it for
     declarations, outside of a run. Errors of umo and a Ctrl-C pass unchanged."""
     try:
         yield
@@ -139,8 +141,8 @@ def refuse_exit(error: BaseException, what: str) -> None:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """True if an exception is the user's Ctrl-C, or the effect of another signal from the user, and was not raised by
-    code."""
+    """Return True if an exception comes from the user's Ctrl-C, or from another signal of the user, and was not raised
+    by code."""
     if isinstance(error, Interrupted):
         return True
     return (
@@ -165,9 +167,9 @@ def read_numbers(numbers: Iterable[tuple[str, Any, Any, str, Any]]) -> list[floa
 
 
 def as_json(result: Any, longest: int) -> str:
-    """Return a result as JSON in ASCII with at most this number of bytes. Objects in it that are not plain data become
-    their texts. A result that is too long, contains itself or has numbers that are not finite becomes its text, which
-    is cut, with a mark that it was cut."""
+    """Return a result as JSON in ASCII with at most this number of bytes. Objects in the result that are not plain data
+    are replaced by their strings. A result that is too long, contains itself or has numbers that are not finite is
+    replaced by its string, which is cut and marked as cut."""
     text, error = attempt(partial(json.dumps, result, default=str, allow_nan=False))
     if error is None and len(text) <= longest:
         return str(text)

@@ -1,2 +1,2 @@
-"""Work before a machine goes into service: the timing of a computer is measured (`commissioning.latency`), and laws are
-tuned (`commissioning.tuning`). The laws themselves are in `umo.control`."""
+"""The work before a machine goes into service: measuring the timing of a computer (`commissioning.latency`) and tuning
+control laws (`commissioning.tuning`). The laws themselves are in `umo.control`."""

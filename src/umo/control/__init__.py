@@ -1,5 +1,5 @@
-"""What control code is written with: control laws, profiles, axes, homing, sequences. States of parts and alarms are in
-`umo.operation`, the tuning of laws in `umo.commissioning`.
+"""The parts of control code: control laws, profiles, axes, homing, sequences. States of parts and alarms are in
+`umo.operation`, the tuning of laws is in `umo.commissioning`.
 
 Laws take objects, and raise BadInput if the quality of an input is not accepted. `PID` and `Profile` calculate with
 plain numbers.

@@ -1,4 +1,4 @@
-"""Axes of motion: what a servo axis and a stepper axis have in common."""
+"""Axes of motion: the common part of servo axes and stepper axes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from umo.text import cut_repr, some
 from umo.user_code import told
 
 ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
-"""Quality that is accepted for a referenced encoder, because at an end of its range an axis may stand slightly outside.
-The setpoint is within the range, and the axis within `following_error` of it."""
+"""The quality that is also accepted for a referenced encoder, because an axis at an end of its range may stand slightly
+outside. The setpoint is within the range, and the axis is within `following_error` of the setpoint."""
 STANDSTILL_SHARE = 1 / 20
-"""Least advance of an axis, as a share of `stall`; with less it stands still."""
+"""The least advance of an axis, as a share of `stall`. An axis that advances less stands still."""
 RETURN_WINDOWS = 2.0
-"""Distance from where an axis was left, in windows, within which it may continue: one window for the motion back, and
-one for rounding of the shown position."""
+"""The largest distance, in windows, from the position in which an axis was left to the position in which it may
+continue: one window for the motion back, and one for rounding of the shown position."""
 
 
 class SearchResult(Enum):
@@ -40,7 +40,7 @@ class SearchResult(Enum):
 
     CONDITION = "condition"
     JUMP = "jump"
-    """The reading has changed by more than the axis can move: the counter was loaded, or wrapped."""
+    """The reading has changed by more than the axis can move: the counter was loaded or has rolled over."""
     STOP = "stop"
     """The axis stands still although it is driven."""
     REACH = "reach"
@@ -48,7 +48,8 @@ class SearchResult(Enum):
 
 
 class Interruption(Enum):
-    """How a motion continues after an interruption: whether it is planned again, and from which position."""
+    """The way in which a motion continues after an interruption: whether the motion is planned again, and from which
+    position."""
 
     NONE = "none"
     WAITED = "waited"
@@ -70,18 +71,18 @@ class Motion:
     by: Task | None = None
     """The sequence that has begun a jog, or None if another caller began it."""
     awaited: bool = False
-    """True if a sequence awaits its end."""
+    """True if a sequence awaits the end of the motion."""
     was_disabled: bool = False
-    """True if it ends because the axis was disabled from elsewhere, which is an error of the awaiting sequence, but not
-    a fault."""
+    """True if the motion ends because other code has disabled the axis. This is an error of the awaiting sequence, but
+    not a fault."""
 
 
 class Homing(Protocol):
-    """Finds the reference of an axis."""
+    """The way in which an axis finds its reference."""
 
     async def find(self, axis: Axis) -> None:
         """Search for the reference, call `axis.reference()`, and come to standstill within the range. Raises
-        HomingError if it was not found. The speed of the search is `axis.search_speed`."""
+        HomingError if the reference was not found. The speed of the search is `axis.search_speed`."""
 
 
 def _per_second(power: int = 1) -> Callable[[Axis], str]:
@@ -102,14 +103,15 @@ def _numbers(axis: Axis) -> dict[str, Number]:
 
 
 class Axis(Compound, numbers=_numbers, equipment="manual"):
-    """One axis of motion, with its position sensor. Use `ServoAxis` or `StepperAxis`.
+    """Base of axes of motion, each with its position sensor. Use `ServoAxis` or `StepperAxis`.
 
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
     range of the encoder. While an interlock inhibits the axis, a motion waits; afterwards it continues to its target
     from the present position. An axis without a motion then stays where it is. A `move_to` that is cancelled
-    decelerates to standstill. A motion that fails is a fault if the axis is equipment: in manual mode, and if its class
-    declares it (`class Slide(ServoAxis, equipment=True)`). Homing that fails or is cancelled disables the axis. The
-    numbers are read by `setup`; later, change those of `profile` and, for a servo axis, of `servo`.
+    decelerates to standstill. A motion that fails is a fault if the axis is equipment. An axis is equipment in manual
+    mode, and also in automatic mode if its class declares `equipment` (`class Slide(ServoAxis, equipment=True)`).
+    Homing that fails or is cancelled disables the axis. `setup` reads the numbers; after this, change the numbers of
+    `profile` and, for a servo axis, of `servo`.
     """
 
     encoder: DigitalSensor
@@ -121,20 +123,20 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     """Largest jerk, units per s cubed."""
     window: float
     """Distance from the target within which an axis has arrived: a motion ends when the setpoint is at the target and
-    the encoder has been so near for `window_time`."""
+    the encoder has been within this distance for `window_time`."""
     following_error: float
-    """Largest distance between setpoint and encoder. Beyond it AxisError is raised."""
+    """The largest distance between setpoint and encoder. At a larger distance AxisError is raised."""
     window_time: float = 0.02
     """Time in s for which the encoder must be within `window` (CiA 402: position window time)."""
     settling_time: float = 1.0
     """Largest time in s from the end of the profile until the encoder is within `window`."""
     search_speed: float = inf
-    """Speed of homing, units per s. Default: the largest."""
+    """The speed of homing, units per s. Default: the largest speed."""
     stall: float = inf
-    """Distance for which an axis is driven without moving until it counts as standing at an end stop, during homing.
-    Default: never."""
+    """The distance for which an axis must be driven during homing without a movement, so that it counts as standing at
+    an end stop. By default it never does."""
     homing: Homing | None = None
-    """The way in which the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or one of your own."""
+    """The way in which the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or a class that you write."""
 
     _state = _DISABLED
     """The state without two facts that are known elsewhere: a fault of its equipment, and a setpoint that still
@@ -146,18 +148,18 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         check_numbers(self, above_0=(*names, "search_speed", "stall"), not_negative=("window_time",))
         self.profile = Profile(velocity=self.velocity, acceleration=self.acceleration, jerk=self.jerk)
         self._accept: Accept = ACCEPTED_WHEN_REFERENCED
-        """The qualities of the encoder that are accepted besides GOOD and STALE."""
+        """The qualities of the encoder that are accepted in addition to GOOD and STALE."""
         self._replan: Callable[[], object] = self._stand
-        """Plans again, from where the setpoint then is, what the axis does."""
+        """The function that plans the activity of the axis again, from the setpoint at this time."""
         self._motion: Motion | None = None
-        """The motion that the axis carries out, if it is in a state of motion: no other one ends it."""
+        """The motion that the axis carries out, if the axis is in a state of motion. No other motion ends it."""
 
     # Motions -------------------------------------------------------------------------------------------
 
     @action
     async def home(self) -> None:
-        """Find the reference. Ends at standstill, with the encoder referenced. Raises HomingError if it is not
-        found."""
+        """Find the reference. The axis then stands still, and the encoder is referenced. Raises HomingError if the
+        reference is not found."""
         if self.homing is None:
             raise DeclarationError(f"{self._path} does not declare how it is homed (`homing`)")
         with self._claimed(AxisState.HOMING, HOMING):
@@ -173,9 +175,9 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         duration=lambda axis: Range("s", 0.0, 3600.0),  # here, as a unit needs pint, which is not imported with umo
     )
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
-        """Move to a position with limited jerk, at most at this speed, and in at least `duration` s. It ends when the
-        encoder has arrived. Raises RangeError if the position is outside the encoder's range, BadInput if the encoder
-        is not referenced, AxisError if the axis does not arrive, Busy during another motion.
+        """Move to a position with limited jerk, at most at this speed, and in at least `duration` s. The motion ends
+        when the encoder has arrived. Raises RangeError if the position is outside the encoder's range, BadInput if the
+        encoder is not referenced, AxisError if the axis does not arrive, Busy during another motion.
         """
         self.check_target(position)
         if not speed > 0.0:
@@ -188,7 +190,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     @action(velocity=lambda axis: Range(_per_second()(axis), -axis.velocity, axis.velocity), release="halt")
     def jog(self, velocity: float) -> None:
         """Move at this velocity (units per s) until the next call; 0 means `halt`. A referenced axis stops at the end
-        of its range. Busy during another motion, RangeError for NaN and infinity."""
+        of its range. Raises Busy during another motion, RangeError for NaN and infinity."""
         if not isfinite(velocity):
             raise RangeError(f"{self._path}: {velocity} is not a velocity")
         if not velocity:
@@ -201,8 +203,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._begin(Motion(AxisState.CONTINUOUS_MOTION, by=self._machine.current_task))
 
     def halt(self) -> None:
-        """End a jog, whoever began it: decelerate to standstill. An axis that is not enabled, or in another motion, is
-        not affected."""
+        """End a jog, whatever began it: decelerate to standstill. An axis that is not enabled, or is in another motion,
+        is not affected."""
         if self._state is AxisState.CONTINUOUS_MOTION:
             self._halt()
 
@@ -219,15 +221,15 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self.profile.at(copysign(self._speed(abs(velocity)), velocity))
 
     def time_to(self, position: float) -> float:
-        """The duration of a motion from standstill to a position at the largest speed, in s."""
+        """Return the duration of a motion from standstill to a position at the largest speed, in s."""
         self.check_target(position)
         ahead = replace(self.profile, velocity=self._speed(inf))
         ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED_WHEN_REFERENCED))
         return ahead.to(position)
 
     def enable(self) -> None:
-        """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted,
-        EquipmentFault if the axis is in fault."""
+        """Follow the setpoint, from the present position of the axis. Raises BadInput if the encoder's quality is not
+        accepted, EquipmentFault if the axis is in fault."""
         if self._state is _DISABLED:
             if self._machine.fault_of(self) is not None:  # no local name: the frame of an error must not refer to it
                 raise cast(EquipmentFault, self._machine.fault_of(self))
@@ -259,8 +261,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return AxisState.STOPPING if stops else self._state
 
     def shown_state(self) -> AxisState:
-        """The state shown to clients, computed by the axis itself; a `state` of a subclass is read only by the program.
-        An error, such as an invalid `profile`, gives ERROR_STOP."""
+        """Return the state shown to clients, which the axis itself computes; only the program reads the `state` of a
+        subclass. If an error occurs, such as an invalid `profile`, the state is ERROR_STOP."""
         try:  # not by `attempt`: a call for each in every period is too dear
             return self._seen_state()
         except BaseException as error:
@@ -268,7 +270,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             return AxisState.ERROR_STOP
 
     def describe_axis(self) -> Mapping[str, Any]:
-        """The axis as plain data: its states, the paths of its objects, its limits in units of the encoder and s."""
+        """Return the axis as plain data: its states, the paths of its objects, its limits in units of the encoder and
+        s."""
         path, encoder = self._path, self.encoder
         return {
             "path": path,
@@ -293,7 +296,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @property
     def reading(self) -> float:
-        """The encoder's value, even if it is not referenced."""
+        """The encoder's value, even if the encoder is not referenced."""
         return value_of(self.encoder, HOMING)
 
     async def search(
@@ -305,8 +308,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         reach: float | None = None,
     ) -> SearchResult:
         """Move at a velocity until the condition is true, the reading jumps by more than `jump` in a period, the axis
-        stands still, or it was driven for the distance `reach` (default: three times the range of the encoder). The
-        motion continues afterwards, except at a standstill."""
+        stands still, or the axis was driven for the distance `reach` (default: three times the range of the encoder).
+        The motion continues afterwards, except at a standstill."""
         if reach is None:
             reach = 3 * (self.encoder.maximum - self.encoder.minimum)
         if isnan(jump) or isnan(reach):
@@ -339,14 +342,14 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return SearchResult.CONDITION
 
     def reference(self, at: float | None = None) -> None:
-        """Mark the encoder as referenced; with `at`, its last reading is this position."""
+        """Mark the encoder as referenced. `at` is the position of the last reading."""
         before = self.reading
         self.encoder.referenced(at=at)
         self._shift(self.reading - before)
 
     async def travel(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
-        """Move to a position, even beyond the range. It ends when the encoder has arrived. Raises AxisError if it does
-        not."""
+        """Move to a position, even beyond the range. The motion ends when the encoder has arrived. Raises AxisError if
+        the encoder does not arrive."""
         end = self.now + duration  # after an interruption only what is left of the duration counts
         motion = self._motion
         try:
@@ -578,7 +581,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
 
 class LeftMotion:
-    """The activity of an axis when its sequence was suspended, and its continuation."""
+    """The activity of an axis at the time when its sequence was suspended, and the continuation of this activity."""
 
     def __init__(self, axis: Axis) -> None:
         self._axis = axis
@@ -587,13 +590,13 @@ class LeftMotion:
         self._motion, self._replan, self._accept = axis._motion, axis._replan, axis._accept
         by = None if self._motion is None else self._motion.by
         self._by = None if by is None or by.done else by
-        """The sequence that jogs, and ends the jog, or None if the jog was begun by a caller that has ended or is not a
+        """The sequence that jogs and ends the jog; None if the caller that began the jog has ended or is not a
         sequence."""
         quality, searched = axis.encoder.quality, self.state is AxisState.HOMING
         self._referenced = quality is not Quality.UNREFERENCED and not (searched and quality is Quality.BAD)
         rests = self.state is _STANDSTILL and not axis._moves()
         self._position = axis.profile.setpoint.position if rests else nan
-        """The position at which it stood, enabled; NaN: it did not."""
+        """The position at which the axis stood while it was enabled; NaN if it did not stand or was not enabled."""
 
     @property
     def _goes_on(self) -> bool:
@@ -633,7 +636,7 @@ class LeftMotion:
         return f"{path} is at {here}, the application left it at {there}; move it back (`{path}.move_to`)"
 
     def restore(self) -> None:
-        """Enable the axis where it stands if it was enabled, otherwise disable it."""
+        """Enable the axis at its present position if it was enabled before, otherwise disable it."""
         axis, enabled = self._axis, self._next_state is not _DISABLED
         if enabled and not axis.enabled:
             axis._accept = HOMING
@@ -652,13 +655,13 @@ class LeftMotion:
                 axis._replan, axis._interrupted = self._replan, Interruption.WAITED
 
     def is_lost(self) -> bool:
-        """True if a sequence still awaits its motion, which ended because of a fault that has been cleared."""
+        """Return True if a sequence still awaits a motion that ended because of a fault that has since been cleared."""
         return self._motion is not None and self._motion.awaited and self._axis.cycle.fault is None
 
 
 async def move_together(*moves: tuple[Axis, float]) -> None:
     """Move several axes, `(axis, position)` each, so that they start and arrive together. Raises TypeError for anything
-    else than such pairs, ValueError for an axis given twice; then none moves."""
+    other than such pairs, and ValueError for an axis that is given twice; then no axis moves."""
     for each in moves:
         if not isinstance(each, tuple | list) or len(each) != 2 or not isinstance(each[0], Axis):
             raise TypeError(f"move_together() takes pairs such as `(axis, 80.0)`, not {cut_repr(each)}")

@@ -1,4 +1,5 @@
-"""The states of an axis in the words of PLCopen (Motion Control part 1, section 2.1), and which may follow which."""
+"""The states of an axis in the words of PLCopen (Motion Control part 1, section 2.1), and the possible sequences of
+states."""
 
 from __future__ import annotations
 
@@ -32,9 +33,9 @@ FOLLOWED_BY: Mapping[AxisState, tuple[AxisState, ...]] = {
     _S.DISCRETE_MOTION: (_S.STANDSTILL, _S.DISABLED),
     _S.CONTINUOUS_MOTION: (_S.CONTINUOUS_MOTION, _S.STANDSTILL, _S.DISABLED),
 }
-"""The states that may follow a state. Two states are not stored: STOPPING is STANDSTILL while the profile's setpoint
-still moves, so any motion may follow; ERROR_STOP is DISABLED while the equipment is in fault. A motion that was left
-and continues returns to its state from STANDSTILL."""
+"""The states that may follow a state. Two states are not stored. STOPPING is STANDSTILL while the profile's setpoint
+still moves, so any motion may follow. ERROR_STOP is DISABLED while the equipment is in fault. An interrupted motion
+that continues returns from STANDSTILL to its former state."""
 
 ACTIONS: Mapping[AxisState, str] = {
     _S.HOMING: "home",

@@ -21,8 +21,8 @@ class Cascade(PID):
         self.jacket = Servo(self.jacket_temperature, self.heater, gain=2.0, integral_time=60.0)
         self.vessel = Cascade(self.temperature, self.jacket, low=20.0, high=150.0, gain=3.0, integral_time=900.0)
 
-    `control` of the outer law is the only call of a period. While the inner law is limited or its actuator inhibited,
-    the integral does not grow further in that direction.
+    Call only `control` of the outer law, once per period. While the inner law is limited or its actuator inhibited, the
+    integral does not grow further in that direction.
     """
 
     sensor: DigitalSensor
@@ -34,7 +34,7 @@ class Cascade(PID):
     """The highest setpoint of the inner law."""
 
     def check_settings(self) -> None:
-        """Check the settings as `PID.check_settings`. `low` and `high` must be finite, and `low` below `high`."""
+        """Check the settings like `PID.check_settings`. `low` and `high` must be finite, and `low` below `high`."""
         super().check_settings()
         check_numbers(self, finite=("low", "high"))
         if not self.low < self.high:
@@ -52,8 +52,8 @@ class Cascade(PID):
         """Carry out one period of `dt` s of both laws: read, compute, read, compute, write. Returns False if the inner
         law was limited, or its actuator is inhibited.
 
-        `feed_forward` is added to the setpoint of the inner law. The errors are those of `Servo.control`; after one the
-        integrals are what they were before.
+        `feed_forward` is added to the setpoint of the inner law. The errors are those of `Servo.control`; an error
+        leaves the integrals unchanged.
         """
         measurement = value_of(self.sensor, accept)
         integral = self.integral

@@ -20,8 +20,8 @@ def check_numbers(
     above_0: Iterable[str] = (),
     arrays: bool = False,
 ) -> None:
-    """Check settings. Raises DeclarationError for an attribute that is not a number of its kind, or, with `arrays`, an
-    array of such numbers. `above_0` may be infinite, the others may not."""
+    """Check settings. Raises DeclarationError for an attribute that is not a number of its kind or, with `arrays`, an
+    array of such numbers. The numbers of `above_0` may be infinite, other numbers may not."""
     rules: tuple[tuple[Iterable[str], Callable[[Any], Any], str], ...] = (
         (finite, np.isfinite, "a finite number"),
         (not_negative, lambda numbers: np.isfinite(numbers) & (numbers >= 0), "finite and not below 0"),

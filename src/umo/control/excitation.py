@@ -1,5 +1,5 @@
-"""Excitations of a loop: the values written to its output during an experiment, and its end. Computations on plain
-numbers."""
+"""Excitations of a loop: the values that are written to its output during an experiment, and the end of the experiment.
+The computations use plain numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ FEWEST_KEPT = 48
 SETTLED_SHARE = 0.02
 """Change over the last third of a step, as a share of its whole change, below which it has settled."""
 SMALLER = 0.5
-"""Share of the amplitude in the last part of an experiment; this third level shows whether the process is linear."""
+"""The share of the amplitude that is used in the last part of an experiment. This third level shows whether the process
+is linear."""
 MAX_TURN_TIME = 4.0
 """Longest time for the smaller amplitude to turn the measurement, as a multiple of the longest half cycle."""
 NOISE_FACTOR = 10.0
@@ -19,8 +20,8 @@ NOISE_FACTOR = 10.0
 
 
 class Baseline:
-    """The loop before the experiment: means of output and measurement, and the noise. All are finite, because the law
-    refuses other numbers."""
+    """The loop before the experiment: the means of output and measurement, and the noise. All numbers are finite,
+    because the law refuses others."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -41,8 +42,9 @@ class Baseline:
 
 
 class RelaySwitching:
-    """Switches the output up and down around the old one, whenever the measurement leaves a band around the old
-    measurement. In the last cycles it goes up by a smaller amplitude, as long as that turns the measurement."""
+    """A relay that switches the output up and down around the old output, whenever the measurement leaves a band around
+    the old measurement. In the last cycles the output goes up by a smaller amplitude, as long as this amplitude turns
+    the measurement."""
 
     def __init__(self, base: Baseline, amplitude: float, rising: bool, hysteresis: float, cycles: int) -> None:
         """`rising`: whether a larger output makes the measurement rise."""
@@ -53,7 +55,7 @@ class RelaySwitching:
         self._full = cycles - (cycles - 1) // 2
         """Cycles with the whole amplitude."""
         self._time = self._longest = 0.0
-        """s of this half cycle, and of the longest one with the whole amplitude."""
+        """The duration in s of this half cycle, and of the longest half cycle with the whole amplitude."""
 
     def next(self, measurement: float, dt: float) -> float | None:
         """Return the next output, or None at the end."""
@@ -83,7 +85,8 @@ class RelaySwitching:
 
 
 class StepChange:
-    """Adds a step to the old output until the measurement has settled, then a smaller step for the same time."""
+    """An excitation that adds a step to the old output until the measurement has settled, and then a smaller step for
+    the same time."""
 
     def __init__(self, base: Baseline, amplitude: float) -> None:
         self.base, self.amplitude = base, amplitude
@@ -91,9 +94,9 @@ class StepChange:
         self._kept: list[float] = []
         self._time = 0.0
         self._pause = 0.0
-        """s from one measurement that is kept to the next."""
+        """The time in s from one measurement that is kept to the next."""
         self._settled: float | None = None
-        """s until the measurement had settled."""
+        """The time in s until the measurement had settled."""
 
     @property
     def low(self) -> float:
@@ -139,7 +142,7 @@ def _mean(values: list[float]) -> float:
 
 
 def room_for(base: Baseline, amplitude: float, low: float, high: float, both: bool) -> float:
-    """The largest amplitude of this sign that fits between the bounds, or, with `both`, on both sides of the old
+    """Return the largest amplitude of this sign that fits between the bounds, or, with `both`, on both sides of the old
     output."""
     up, down = high - base.output, base.output - low
     room = min(up, down) if both else up if amplitude > 0.0 else down

@@ -1,9 +1,9 @@
 """Experiments on a running loop: a relay, or a step, around its present output.
 
-The experiment takes the place of `step` of the law for its duration: the law still reads, checks quality, limits and
-writes through the command stage, under its interlocks. However it ends, the next output of the law is the old one; then
-the law is in control, with the integral that it had. It is an action (`umo.objects.action`), and ends like any other
-with the lease, dead-man control, modes and faults of equipment.
+During the experiment, its values take the place of the law's `step`. The law still reads, checks quality, limits and
+writes through the command stage, under its interlocks. Whatever ends the experiment, the next output of the law is the
+old one; then the law is in control, with the integral that it had. An experiment is an action (`umo.objects.action`).
+Like any action it ends with the lease, with dead-man control, at a change of mode and at a fault of equipment.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from umo.objects import Compound, Range, action
 from umo.objects.presentation.value_text import measure
 
 BASE_TIME, BASE_STEPS = 1.0, 20
-"""Least time in s, and least number of steps, for which the law is observed before the experiment."""
+"""The least time in s and the least number of steps for which the law is observed before the experiment."""
 MAX_IDLE_PERIODS = 3
-"""Number of steps that the law may leave out before it counts as switched off."""
+"""The number of steps that the law may omit before it counts as switched off."""
 LONGEST = 86_400.0
 """Longest time in s of an experiment."""
 WITHIN_SHARE = 0.1
-"""Share of the sensor's range by which the measurement may move, by default."""
+"""The share of the sensor's range by which the measurement may move by default."""
 
 
 class LoopExperiments:
@@ -40,12 +40,13 @@ class LoopExperiments:
         self._base = Baseline()
         self._excitation: RelaySwitching | StepChange | None = None
         self._plan: Callable[[Baseline, float, float], RelaySwitching | StepChange] | None = None
-        """Makes the excitation from the baseline, and the bounds of the output, or None without an experiment."""
+        """The function that makes the excitation from the baseline and the bounds of the output; None without an
+        experiment."""
         self._ended = self._failed = ""
         self._idle = 0
-        """Looks at the law without a step of it."""
+        """The number of checks since the last step of the law."""
         self._most_idle = MAX_IDLE_PERIODS + 1
-        """Such looks at most, of a law that acts."""
+        """The largest number of such checks for a law that acts."""
         self._dt = 0.0
         self._within = inf
         self._until = 0.0
@@ -53,7 +54,8 @@ class LoopExperiments:
         self._driven: float | None = None
         """The output of the experiment that was returned last."""
         self._steps = self._limited = 0
-        """Steps of the excitation, and those of them in which the inner law of a cascade was limited."""
+        """The number of steps of the excitation, and the number of steps in which the inner law of a cascade was
+        limited."""
 
     @action(harmless=True)
     def law(self) -> dict[str, Any]:
@@ -85,14 +87,14 @@ class LoopExperiments:
         cycles: int = 5,
         duration: float = 600.0,
     ) -> dict[str, Any]:
-        """Excite the loop around its present output. With 0, `hysteresis` is computed from the noise, and `within` is a
-        tenth of the sensor's range.
+        """Excite the loop around its present output. If `hysteresis` is 0, it is computed from the noise. If `within`
+        is 0, it is a tenth of the sensor's range.
 
-        Returns the old output and measurement, the noise, the time at which the excitation began and ended, and the
-        share of it in which the inner law of a cascade was at its limit. Raises RangeError without room for the
-        amplitude, or if the measurement leaves `within`. Raises CommandRefused if the law does not act, or if its
-        actuator is inhibited or written by somebody else; Busy during another experiment. Laws whose output is the
-        setpoint of this law hold it during the experiment.
+        Returns the old output and measurement, the noise, the times at which the excitation began and ended, and the
+        share of this time in which the inner law of a cascade was at its limit. Raises RangeError if there is no room
+        for the amplitude, or if the measurement moves by more than `within`. Raises CommandRefused if the law does not
+        act, or if its actuator is inhibited or written by somebody else; raises Busy during another experiment. Laws
+        whose output is the setpoint of this law hold the setpoint during the experiment.
         """
         self._outer = self._loop.outer
         if any(each.is_taken for each in (self._loop, *self._outer)):

@@ -1,4 +1,4 @@
-"""Homing: how an axis finds its reference, on an index pulse, a home switch or an end stop (compare CiA 402)."""
+"""Homing: an axis finds its reference by an index pulse, a home switch or an end stop (compare CiA 402)."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from umo.states import TwoState
 
 @dataclass(kw_only=True)
 class IndexPulse:
-    """The circuit loads its counter at the encoder's index pulse, while that is enabled.
+    """Homing on the index pulse of the encoder: the circuit loads its counter at the pulse while this is enabled.
 
-    The axis moves in `direction` until the reading jumps to `index`. If it meets the end stop first, it moves back
-    across the index: then it began beyond the index, or the count was already right and did not jump.
+    The axis moves in `direction` until the reading jumps to `index`. If the axis reaches the end stop first, it moves
+    back across the index: then it began beyond the index, or the count was already right and did not jump.
     """
 
     enable: BinaryActuator[Any]
-    """Actuator that lets the index pulse load the counter. The pulse does so while the actuator is not at its
+    """The actuator that enables the index pulse. The pulse loads the counter while this actuator is not at its
     default."""
     index: float
     """Position of the index pulse."""
     stop: float
     """Position of the end stop in this direction."""
     jump: float
-    """Distance that the axis cannot move in one period; a larger change means that the counter was loaded, or
-    wrapped."""
+    """Distance that the axis cannot move in one period; a larger change means that the counter was loaded or has rolled
+    over."""
     tolerance: float
     """Distance from the true position within which a reading counts as right."""
     clearance: float
@@ -86,8 +86,8 @@ class IndexPulse:
 
 @dataclass(kw_only=True)
 class HomeSwitch:
-    """Homing on a switch that is active at one end of the axis. The reference is its edge, met slowly when the axis
-    leaves it. Bouncing of the switch when it is met at search speed does no harm."""
+    """Homing on a switch that is active at one end of the axis. The reference is the edge that the axis passes slowly
+    when it leaves the switch. Bouncing of the switch when the axis reaches it at search speed does no harm."""
 
     switch: BinarySensor[Any]
     active: TwoState
@@ -127,8 +127,8 @@ class HomeSwitch:
 
 @dataclass(kw_only=True)
 class EndStop:
-    """Homing on a mechanical end stop. `stall` of the axis determines when it stands there; `search_output` of a servo
-    axis limits the force."""
+    """Homing on a mechanical end stop. `stall` of the axis determines when it counts as standing at the stop;
+    `search_output` of a servo axis limits the force."""
 
     position: float
     """Position of the end stop."""

@@ -1,4 +1,4 @@
-"""On/off regulation with hysteresis: a valve and a pressure, a heater and a temperature."""
+"""On/off control with hysteresis, such as of a pressure by a valve or of a temperature by a heater."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ S = TypeVar("S", bound=TwoState)
 
 @dataclass
 class Hysteresis(Generic[S]):
-    """Writes the state `raising` below `low` and the other state above `high` (both in the sensor's units), and does
-    not change the actuator in between."""
+    """A law that writes the state `raising` below `low` and the other state above `high` (both in the sensor's units),
+    and does not change the actuator in between."""
 
     sensor: DigitalSensor
     actuator: BinaryActuator[S]

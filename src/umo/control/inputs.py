@@ -1,6 +1,7 @@
-"""Reading the inputs of control laws: the value of an object, or BadInput. The caller has no flag to check. GOOD and
-STALE are accepted; an object is STALE only within the `max_age` that its integrator declared for holding a last value.
-BAD, OUT_OF_RANGE and UNREFERENCED are refused, unless the call accepts them explicitly.
+"""Functions that read the inputs of control laws. They return the value of an object or raise BadInput, so that the
+caller has no flag to check. GOOD and STALE are accepted; an object is STALE only within the `max_age` for which the
+integrator has declared that the last value is held. BAD, OUT_OF_RANGE and UNREFERENCED are refused, unless the call
+accepts them explicitly.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ def value_of(sensor: Vector[Any], accept: Accept = (), *, where: BoolArray | Non
 def value_of(
     sensor: DigitalSensor | Vector[Any], accept: Accept = (), *, where: BoolArray | None = None
 ) -> float | FloatArray:
-    """The sensor's value in its units, or the values of a Vector, as its `read` gives them.
+    """Return the sensor's value in its units, or the values of a Vector, as its `read` returns them.
 
-    BadInput if the quality is not accepted; for a Vector it names the first such object, and their number. Objects of a
-    Vector for which the array `where` is False are not checked.
+    Raises BadInput if the quality is not accepted. For a Vector the error names the first such object, and the number
+    of such objects. Objects of a Vector for which the array `where` is False are not checked.
     """
     if isinstance(sensor, Vector):
         values = sensor.read()
@@ -52,7 +53,7 @@ def value_of(
 
 
 def state_of(sensor: BinarySensor[S], accept: Accept = ()) -> S:
-    """Return the sensor's state. BadInput if its quality is not accepted."""
+    """Return the sensor's state. Raises BadInput if its quality is not accepted."""
     try:
         state = sensor.read()
     except AttributeError:

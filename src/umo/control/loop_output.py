@@ -21,23 +21,23 @@ class ActuatorOutput:
 
     @property
     def told(self) -> dict[str, Any]:
-        """Return its range and, for a setpoint, the inner law and its sensor."""
+        """The description of the output: its range and, for a setpoint, the inner law and its sensor."""
         return told_range(self.range)
 
     def bounds(self, limit: float) -> tuple[float, float]:
-        """Return its range, limited to this distance from its default."""
+        """Return the range of the output, limited to this distance from the default."""
         (low, high), default = self.range, self._actuator.default
         return max(low, default - limit), min(high, default + limit)
 
     @property
     def inhibited(self) -> str | None:
-        """Return the reason why the actuator is inhibited, or None."""
+        """The reason why the actuator is inhibited, or None."""
         reason = self._actuator.inhibited
         return None if reason is None else f"{self.path} is inhibited: {reason}"
 
     @property
     def commanded(self) -> float:
-        """Return the last commanded value."""
+        """The last commanded value."""
         return float(self._actuator.pending)
 
     def write(self, value: float) -> None:
@@ -78,21 +78,22 @@ class SetpointOutput:
         return float(self._inner.setpoint)
 
     def write(self, value: float) -> None:
-        """Store the setpoint, which only the next `control` of the outer law passes on."""
+        """Store the setpoint. Only the next `control` of the outer law passes it on."""
 
 
 LoopOutput = ActuatorOutput | SetpointOutput
 
 
 def output_of(part: Compound, law: Any, end: Any) -> LoopOutput | None:
-    """Return the output of a law of this part. `end`: its actuator or its inner law, None if not known."""
+    """Return the output of a law of this part. `end`: the actuator or the inner law of the law; None if it is not
+    known."""
     if isinstance(end, DigitalActuator):
         return ActuatorOutput(end)
     return None if end is None else SetpointOutput(part, law)
 
 
 def outer_laws(part: Compound, law: Any) -> list[Any]:
-    """The laws of the machine whose output is the setpoint of this one, which belongs to this part."""
+    """Return the laws of the machine whose output is the setpoint of the given law, which belongs to this part."""
     outer = (each for _, each in _laws_around(part) if getattr(each, "inner", None) is law)
     return list({id(each): each for each in outer}.values())
 

@@ -18,7 +18,7 @@ None for the law's own output."""
 
 
 class ControlLoop(Protocol):
-    """One loop, with its sensor and its output if the law names them."""
+    """One loop, with its sensor and its output if the law names these."""
 
     sensor: DigitalSensor | None
     output: LoopOutput | None
@@ -29,11 +29,11 @@ class ControlLoop(Protocol):
 
     @property
     def measured_range(self) -> float:
-        """The width of the sensor's range, or 0 if it is not known."""
+        """The width of the sensor's range; 0 if the range is not known."""
 
     @property
     def resolution(self) -> float:
-        """The resolution of the sensor in its units, or 0 if not known."""
+        """The resolution of the sensor in its units; 0 if it is not known."""
 
     @property
     def is_taken(self) -> bool: ...
@@ -42,10 +42,11 @@ class ControlLoop(Protocol):
         """The loops whose output is the setpoint of this loop."""
 
     def bounds(self, low: float, high: float) -> tuple[float, float]:
-        """The range of the output, without the slew rate: `low` and `high` are the bounds in this period."""
+        """Return the range of the output, without the slew rate: `low` and `high` are the bounds in this period."""
 
     def take(self, next_: Next) -> None:
-        """Take the output of each step from this function. The law's integral is held while it returns one."""
+        """Take the output of each step from this function. The law's integral is held while the function returns an
+        output."""
 
     def give_back(self) -> None:
         """Return control to the law."""

@@ -67,16 +67,16 @@ class PID:
 
     @property
     def numbers(self) -> Mapping[str, Number]:
-        """The numbers beside its settings that are shown, and the units of the settings."""
+        """The numbers that are shown in addition to the settings, and the units of the settings."""
         return {"setpoint": Number(shown=True), "error": Number(shown=True), **_times()}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
-        """The loops of the law by the ends of their paths ("" for the law itself), with their sensors and actuators, if
-        it has any; an outer law has its inner law instead of an actuator."""
+        """Return the loops of the law by the ends of their paths ("" for the law itself), with their sensors and
+        actuators, if the law has any. An outer law has its inner law instead of an actuator."""
         return {"": ()}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
-        """The experiments on one of its loops, as an object with actions (`umo.control.experiment`)."""
+        """Return the experiments on one of the law's loops, as an object with actions (`umo.control.experiment`)."""
         from umo.control.experiment import LoopExperiments
         from umo.control.loops import LawLoop
 
@@ -109,8 +109,9 @@ class PID:
         low: float = -inf,
         high: float = inf,
     ) -> float:
-        """The output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer) integral
-        and derivative do not contribute. Raises RangeError if a number is not finite; then the law is unchanged."""
+        """Return the output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer)
+        integral and derivative do not contribute. Raises RangeError if a number is not finite; then the law is
+        unchanged."""
         error = setpoint - measurement
         try:
             growth = self.gain * error * dt / self.integral_time
@@ -149,9 +150,9 @@ class PID:
 
 @dataclass(kw_only=True, eq=False)
 class VectorPID:
-    """Many PIDs at once, on arrays: the same law as `PID`, element by element. Gains and times are numbers for all, or
-    arrays of shape (n,). `measurement`, and with it the output, is an array of shape (n,). While all derivative times
-    are 0 no derivative is computed; it begins again with the first step afterwards."""
+    """Many PIDs in one calculation on arrays: the same law as `PID`, element by element. Gains and times are numbers
+    for all elements, or arrays of shape (n,). `measurement` is an array of shape (n,), and so is the output. While all
+    derivative times are 0 no derivative is computed; it begins again with the first step after this."""
 
     gain: float | FloatArray
     integral_time: float | FloatArray = inf
@@ -161,7 +162,7 @@ class VectorPID:
     """The last setpoints minus measurements."""
     integral: FloatArray = field(default_factory=lambda: np.zeros(1), init=False)
     limited: BoolArray = field(default_factory=lambda: np.zeros(1, np.bool_), init=False)
-    """True for each of the last outputs that was limited."""
+    """An array that is True for each output that was limited in the last step."""
     _last: FloatArray = field(default_factory=lambda: np.full(1, np.nan), init=False, repr=False)
     """NaN where the next measurement is the first."""
     _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)
@@ -180,16 +181,16 @@ class VectorPID:
 
     @property
     def numbers(self) -> Mapping[str, Number]:
-        """The numbers as in `PID.numbers`, without times that are arrays."""
+        """The numbers of `PID.numbers`, without times that are arrays."""
         times = {name: each for name, each in _times().items() if not isinstance(getattr(self, name), np.ndarray)}
         return {"largest_error": Number(shown=True), **times}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
-        """The loops of the law, as in `PID.loops`, one for each calculated element."""
+        """Return the loops of the law, as in `PID.loops`, one for each calculated element."""
         return {str(number): () for number in range(self.error.size)}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
-        """Return the experiments as `PID.experiments`."""
+        """Return the experiments on a loop, like `PID.experiments`."""
         from umo.control.experiment import LoopExperiments
         from umo.control.loops import ElementLoop
 
@@ -210,8 +211,8 @@ class VectorPID:
         low: float | FloatArray = -inf,
         high: float | FloatArray = inf,
     ) -> FloatArray:
-        """The outputs of one period of `dt` s, each from `low` to `high`. Raises RangeError if a number is not finite;
-        then the law is unchanged."""
+        """Return the outputs of one period of `dt` s, each from `low` to `high`. Raises RangeError if a number is not
+        finite; then the law is unchanged."""
         error = setpoint - measurement
         proportional = self.gain * error
         try:

@@ -1,5 +1,5 @@
-"""Jerk-limited motion profiles, time-optimal from any starting state: to a position through ruckig, to a velocity by a
-formula."""
+"""Jerk-limited motion profiles, time-optimal from any starting state. A profile to a position is computed by ruckig, a
+profile to a velocity by a formula."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from umo.control.checks import check_numbers
 from umo.errors import RangeError
 
 ACCELERATION_SHARES = (1.0, 1.0 - 1e-9, 1.0 - 1e-6)
-"""Shares of the largest acceleration that are tried one after another: ruckig finds no profile for about one in ten
-motions over just the distance in which the largest acceleration is reached for a moment."""
+"""The shares of the largest acceleration that are tried one after another. For about one in ten motions that reach the
+largest acceleration only for an instant, ruckig finds no profile with the whole acceleration."""
 
 
 class Setpoint(NamedTuple):
@@ -25,8 +25,8 @@ class Setpoint(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """A part of a motion with constant jerk, from `start` (s since the motion began) to the start of the next one.
-    Position, velocity and acceleration are those at its start."""
+    """A part of a motion with constant jerk, from `start` (s since the motion began) to the start of the next segment.
+    Position, velocity and acceleration are those at the start of the segment."""
 
     start: float
     position: float
@@ -62,8 +62,8 @@ def _padded(segments: list[Segment]) -> list[Segment]:
 class Profile:
     """A setpoint profile to a target position within these limits, advanced by one period per call.
 
-    A motion is followed as segments of constant jerk, the last of which does not end. A motion to a position is planned
-    by ruckig. A motion to a velocity, such as to standstill, is computed by a formula, so that a controller can brake
+    A motion consists of segments of constant jerk; the last one does not end. A motion to a position is planned by
+    ruckig. A motion to a velocity, such as to standstill, is computed by a formula, so that a controller can brake
     without ruckig."""
 
     velocity: float
@@ -74,8 +74,8 @@ class Profile:
     """Largest jerk, units per s cubed."""
     setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
     segments: list[Segment] = field(default_factory=lambda: _padded([Segment(0.0, *[0.0] * 4)]), init=False, repr=False)
-    """The segments of the motion in progress; always `MOST_SEGMENTS`. A segment that starts at infinity marks their
-    end."""
+    """The segments of the motion in progress. Their number is always `MOST_SEGMENTS`. A segment that starts at infinity
+    marks their end."""
     origin: float = field(default=0.0, init=False, repr=False)
     """The offset that is added to the positions of the segments."""
     elapsed: float = field(default=0.0, init=False)
@@ -111,9 +111,9 @@ class Profile:
     def to(self, target: float, *, velocity: float = inf, duration: float = 0.0) -> float:
         """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
 
-        `velocity` lowers the largest speed for this profile. `duration` is the least time in s that it takes: several
-        axes with the duration of the slowest arrive together. Raises RangeError if the target is not finite, a limit is
-        not positive, or the duration is negative or not finite.
+        `velocity` lowers the largest speed for this profile. `duration` is the least time in s that the profile takes:
+        several axes with the duration of the slowest arrive together. Raises RangeError if the target is not finite, a
+        limit is not positive, or the duration is negative or not finite.
         """
         if not velocity > 0.0:
             raise RangeError(f"the velocity of a profile to {target!r} must be above 0, not {velocity!r}")
@@ -129,9 +129,9 @@ class Profile:
         return self._follow(plan, scale, f"to {target!r}")
 
     def at(self, velocity: float) -> float:
-        """Change from the current setpoint to a constant velocity, at most the largest speed; 0 means to standstill.
-        The setpoint then continues at this velocity. Returns the duration in s until it is reached. Raises RangeError
-        for NaN."""
+        """Change from the current setpoint to a constant velocity, at most the largest speed; 0 means standstill. The
+        setpoint then continues at this velocity. Returns the time in s until this velocity is reached. Raises
+        RangeError for NaN."""
         jerk, limit = self.jerk, self.acceleration
         final = min(max(velocity, -self.velocity), self.velocity)
         limited = self.velocity > 0.0 and limit > 0.0 and jerk > 0.0 and isfinite(min(limit, jerk))

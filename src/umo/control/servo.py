@@ -65,8 +65,8 @@ class Servo(PID):
         """Carry out one period of `dt` s: read, compute, write. Returns False if the output was limited or the actuator
         is inhibited.
 
-        Raises BadInput if the sensor's quality is not accepted, RangeError if a number is not finite. After an error
-        the integral is what it was before.
+        Raises BadInput if the sensor's quality is not accepted, RangeError if a number is not finite. An error leaves
+        the integral unchanged.
         """
         measurement = value_of(self.sensor, accept)
         feed_forward = self.feed_forward * velocity + self.inertia * acceleration

@@ -49,7 +49,7 @@ class ServoAxis(Axis, numbers=_numbers):
         )
 
     While the axis is not enabled, the motor is at its default. The gains are those of `Servo`. After missed periods the
-    motion is planned again from the present position, so it keeps its limits and ends later.
+    motion is planned again from the present position, so that the motion keeps its limits and ends later.
     """
 
     motor: DigitalActuator
@@ -61,8 +61,8 @@ class ServoAxis(Axis, numbers=_numbers):
     inertia: float = 0.0
     friction: float = 0.0
     search_output: float = inf
-    """Largest distance of the output from the motor's default during homing, units of the motor: limits the force at an
-    end stop."""
+    """The largest distance of the output from the motor's default during homing, in units of the motor. It limits the
+    force at an end stop."""
 
     def setup(self) -> None:
         super().setup()

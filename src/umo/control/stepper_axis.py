@@ -17,7 +17,7 @@ from umo.states import Rotation, UpDown
 _DISABLED, _HOMING, _FREE = AxisState.DISABLED, AxisState.HOMING, Interruption.NONE  # an attribute of an Enum is a call
 
 MAX_CORRECTIONS = 3
-"""Largest number of times that a motion compensates for lost steps."""
+"""The largest number of times that a motion compensates for lost steps."""
 
 
 class StepperAxis(Axis):
@@ -31,8 +31,8 @@ class StepperAxis(Axis):
 
     CW increases the position. `window` is at least half a step. Lost steps that the encoder shows at the end of a
     motion are compensated. At most 0.4 steps are made in a period (`STEPS_PER_PERIOD`), which limits the speed. Missed
-    periods delay the motion, because a stepper cannot catch up. If it would have made more than one step in them, the
-    motor has stopped, and starts again with a ramp.
+    periods delay the motion, because a stepper cannot catch up. If more than one step was due in the missed periods,
+    the motor has stopped and starts again with a ramp.
     """
 
     step: BinaryActuator[UpDown]

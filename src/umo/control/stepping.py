@@ -11,13 +11,13 @@ from umo.states import Rotation, UpDown
 _UP, _DOWN, _CW, _CCW = UpDown.UP, UpDown.DOWN, Rotation.CW, Rotation.CCW  # an attribute of an Enum is a call
 
 STEPS_PER_PERIOD = 0.4
-"""Largest step rate of a profile, in steps per period: a step takes two periods, a reversal one more."""
+"""Largest step rate of a profile, in steps per period: a step takes two periods, and a reversal takes one more."""
 
 
 @dataclass
 class Stepping:
-    """Converts a position in steps (a real number) into step edges: it is a phase accumulator. UP and DOWN last at
-    least one period each. The direction output is stable for at least one period before UP. CW counts up.
+    """A phase accumulator: it converts a position in steps (a real number) into step edges. UP and DOWN last at least
+    one period each. The direction output is stable for at least one period before UP. CW counts up.
     """
 
     step: BinaryActuator[UpDown]
@@ -28,8 +28,9 @@ class Stepping:
     """True if an interlock inhibits the outputs: the write of this period was not accepted."""
 
     def control(self, position: float) -> bool:
-        """Carry out one period towards `position` in steps. Returns True once it is within half a step and the output
-        is DOWN. Raises RangeError if the position is not finite; then nothing is written."""
+        """Carry out one period towards `position` in steps. Returns True when the sent position is within half a step
+        of `position` and the output is DOWN. Raises RangeError if the position is not finite; then nothing is
+        written."""
         due = position - self.count
         if due - due != 0.0:  # NaN, or infinite
             raise RangeError(f"{self.step.path}: {position} is not a position to step to")

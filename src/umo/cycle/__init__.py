@@ -1,2 +1,2 @@
-"""One period: the process image, conversions, transfers, sequences, what happens when, and connecting and leaving. The
-processes around the loop are in `umo.process`."""
+"""The period of a machine: the process image, conversions, transfers, sequences, the order of the phases, and
+connecting and disconnecting. The processes around the loop are in `umo.process`."""

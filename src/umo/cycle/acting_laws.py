@@ -1,4 +1,4 @@
-"""The laws of a connected machine: which of them act in a period, and how they are called.
+"""The laws of a connected machine: the choice of the laws that act in a period, and their calls.
 
 A law is the `control` of a class that defines one. The law of a parent acts before those of its parts; laws of
 equipment in fault do not act.
@@ -36,15 +36,16 @@ class ActingLaws:
         self.whole = self.groups.whole
         """The group of the whole machine."""
         self._turn = turn
-        """The code that takes a step at this moment."""
+        """The code that now takes a step."""
         self._of: dict[int, list[MethodType]] = {}
-        """The laws of each part that was asked for, by its id."""
+        """The laws of each part for which they were requested, by the id of the part."""
         self._elsewhere: set[int] = set()
-        """Ids of what capabilities carry out."""
+        """The ids of the parts and laws that capabilities carry out."""
         self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
-        """The places of the laws of each equipment, by its id; made at its first fault since the laws were selected."""
+        """The indices of the laws of each equipment, by the id of the equipment. They are computed at the first fault
+        of the equipment after the laws were chosen."""
         self.stale = False
-        """True if equipment was cleared, or has come into fault, since the laws were chosen."""
+        """True if equipment was cleared, or has entered a fault, since the laws were chosen."""
 
     # Which laws act -----------------------------------------------------------------------------------
 
@@ -68,7 +69,7 @@ class ActingLaws:
                 self.groups.of(law.__self__).laws.append(law)  # type: ignore[arg-type]
 
     def let_idle(self, equipment: Equipment) -> None:
-        """Stop calling the laws of equipment, even if the laws are being called at this moment."""
+        """Stop calling the laws of equipment, even if laws are being called now."""
         if not self._places:
             for group in self.groups.all:
                 for number, law in enumerate(group.laws):
@@ -136,7 +137,7 @@ class ActingLaws:
 
     @expects_errors
     def act_for(self, part: Node) -> None:
-        """Call the laws of a part, for a program with a loop of its own. An error of one law ends the call."""
+        """Call the laws of a part, for a program that has its own loop. An error of one law ends the call."""
         turn = self._turn
         before = turn.law
         try:
@@ -150,5 +151,5 @@ class ActingLaws:
             turn.law = before
 
     def containing(self, part: object, error: BaseException) -> Equipment | None:
-        """Return the equipment whose failure an error is, or None for the machine."""
+        """Return the equipment that contains an error; None if it is an error of the machine."""
         return self._equipment.innermost(part) if isinstance(part, Node) and not is_interrupt(error) else None

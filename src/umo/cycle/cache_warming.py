@@ -1,8 +1,9 @@
 """Cache warming: the work of the thread while it waits busily for its tick.
 
-A period of 1 ms finds the processor's caches cold and takes several times as long as one that follows at once. So umo's
-own part of the period is carried out on a copy of the machine's objects, whose driver does nothing: sampled, read,
-written, updated. No driver and none of the user's code is called. (docs/decisions/0018 says what else was tried.)
+In a period of 1 ms the processor's caches are cold at the tick, and the work takes several times as long as in a period
+that follows immediately. So umo carries out its own part of a period on a copy of the machine's objects: the copies are
+sampled, read, written and updated, and their driver does nothing. No real driver and no code of the user is called.
+(docs/decisions/0018 describes the alternatives that were tried.)
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from umo.wiring.wired import Wire, Wired
 
 log = logging.getLogger("umo")
 COPIED_OBJECTS = 50
-"""Largest number of objects copied: copying thousands would not end before the tick."""
+"""The largest number of objects that are copied. Copying thousands would not end before the tick."""
 
 
 def wait_busily(wired: Wired, seconds: float) -> None:
@@ -48,10 +49,11 @@ def wait_busily(wired: Wired, seconds: float) -> None:
 
 
 class CacheWarming:
-    """Carries out one period of a copy of the machine's objects per call, with at most `COPIED_OBJECTS` of them."""
+    """The function that warms the caches. Each call carries out one period of a copy of at most `COPIED_OBJECTS` of the
+    machine's objects."""
 
     def __init__(self, wired: Wired) -> None:
-        """Warms the caches for a machine with a timer."""
+        """Prepare the copy of the objects of a machine with a timer."""
         nowhere = Simulated(history=1)
         timer_first = sorted(wired.wires, key=lambda wire: wire.item is not wired.timer)
         wires = [
@@ -78,7 +80,7 @@ class CacheWarming:
         self._actuators: list[Any] = [item for item in synchronous if item.direction is Direction.OUTPUT]
 
     def __call__(self) -> None:
-        """Warm the caches. An error does not affect the machine; from then on the caches are not warmed."""
+        """Warm the caches. An error does not affect the machine; after an error the caches are no longer warmed."""
         if self._sound:
             try:
                 self._period()

@@ -1,4 +1,4 @@
-"""Selects the target of calls of drivers: the driver, or a stand-in while it is away (`drivers_away.py`)."""
+"""The targets of calls of drivers: the driver, or a stand-in while the driver is away (`drivers_away.py`)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Callees:
         self._outputs: list[Block] = []
 
     def bind(self, inputs: Iterable[Block], outputs: Iterable[Block]) -> None:
-        """Set the `transfer` of each block to that of its driver, or of the stand-in."""
+        """Set the `transfer` of each block to the transfer of its driver or of the stand-in."""
         self._outputs = list(outputs)
         self._blocks = [*inputs, *self._outputs]
         for block in self._blocks:
@@ -62,7 +62,7 @@ class Callees:
                 self._bind(block)
 
     def end_writing(self) -> None:
-        """Let no write reach a driver any more, but resets."""
+        """Let no write reach a driver any more, except resets."""
         self.written = False
         for block in self._outputs:
             block.transfer = block.unwatched = refuse_write
@@ -73,7 +73,8 @@ class Callees:
         self.away = NobodyAway()
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no block's call, and no look, reach a driver any more: in its place `instead` is called."""
+        """Replace every call of a block's transfer, and every look, by `instead`, so that no call reaches a driver any
+        more."""
         self.slots = {}
         self.away.refuse(instead)
         for block in self._blocks:

@@ -1,41 +1,49 @@
-"""The contract of capabilities: what may be attached to a machine in addition to objects, laws and sequences.
+"""The contract of capabilities: parts that may be attached to a machine in addition to objects, laws and sequences.
 
-A capability has these calls, made in this order:
+umo makes these calls of a capability, in this order:
 
-    attach(machine)  the machine is laid out, no driver was called yet: add to the phases of its period
-    begin()          every object is initialised; the first sample follows
-    end() the sequences are cancelled; nothing is reset yet; what it raises is told and hinders no reset refuse(instead)
-    this process is to reach no device any more: call `instead`, which does not return, in its place
+    attach(machine)  Add functions to the phases of the period. The machine is laid out, no driver was called yet.
+    begin()          Every object is initialised; the first sample follows.
+    end()            The sequences are cancelled; nothing is reset yet. An error that `end` raises is reported and
+                     prevents no reset.
+    refuse(instead)  This process must reach no device any more: in place of every call of a device, call `instead`,
+                     which does not return.
 
 `attach` may use:
 
     machine.phases      a list for each phase: `before_tick`, `receiving`, `commanding`, `before_send`, `showing`; and
                         `before_laws`, which may replace the laws
     machine.image       `items`, `slot_of`; `columns`: values, pending, quality of all objects by slot; `scales`
-    machine.commands    `watch(call)`: the function is told of each write; one that fails is called no more
-    machine.claims      `claim(slot)`: who drives an actuator
+    machine.commands    `watch(call)`: the function is called for each write; a function that fails is no longer called
+    machine.claims      `claim(slot)`: the claim in force for an actuator
     machine.clock       `now` and `dt`, s
     machine.directory   actions, numbers, axes, laws by their paths
     machine.events      `add(Event(time, path, text))`
-    machine.states what was kept of the last run, or what a recording has: alarms continue with theirs
+    machine.states      the states that the last run has kept, or those in a recording: alarms continue from these
 
-and, where it carries out what the machine itself would do:
+A capability that carries out work in place of the machine may also use:
 
-    machine.acting_laws         `replace(laws)`: other functions for the same laws; `leave_out(part)`: it has those
-    machine.at_work             the sequences that what is started at this moment joins
-    machine.is_manual           whether somebody operates it by hand, in place of the application
-    machine.under_way lists of functions: `noting` are told which equipment has come into fault, before what is in
-    progress in it ends; `others` end what they have in progress; `before_cancel` are called when the machine stops,
-    before its sequences are cancelled machine.facts functions that give facts of the run, as text by their names
+    machine.acting_laws  `replace(laws)`: call other functions for the same laws; `leave_out(part)`: do not call the
+                         laws of this part, which the capability carries out
+    machine.at_work      the group of sequences that a sequence joins if it is started now
+    machine.is_manual    whether clients operate the machine in place of the application
+    machine.under_way    lists of functions: `noting` are called with the equipment that has entered a fault, before the
+                         work in it ends; `others` end the work of the capability; `before_cancel` are called when the
+                         machine stops, before its sequences are cancelled
+    machine.facts        functions that return facts of the run as text, by their names
 
-A function in a phase must not raise an error, because an error ends the run. What a phase costs is part of every
-period.
+A function in a phase must not raise an error, because an error ends the run. The time that a phase takes is part of
+every period.
 
-A machine gets its capabilities in four ways. A part of the machine whose class is a `Capability` is attached
-(`umo.operation.capabilities.AttachedPart` is a base). Its `numbers`, `alarms` and actions are shown, kept, tuned and
-called like those of any compound. A law brings one with its class (`_capability`), which is made once, of all the laws
-that name it, each with its path. A class keyword brings another (`BY_KEYWORD`). A program attaches more to a connected
-machine (`machine.attach`), which add to `commanding`, `before_laws` and `showing` only.
+A machine gets its capabilities in four ways:
+
+- A part of the machine whose class is a `Capability` is attached (`umo.operation.capabilities.AttachedPart` is a base).
+  Its `numbers`, `alarms` and actions are shown, kept, tuned and called like those of any compound.
+- The class of a law names a capability (`_capability`). It is made once, from all the laws that name it, each with its
+  path.
+- A class keyword adds a capability (`BY_KEYWORD`).
+- A program attaches a capability to a connected machine (`machine.attach`). It may add only to `commanding`,
+  `before_laws` and `showing`.
 """
 
 from __future__ import annotations
@@ -56,28 +64,27 @@ class Capability:
     """An addition to the objects, laws and sequences of a machine."""
 
     alarm_rows: int = 0
-    """The number of its rows in the column `alarms` of the shown memory (`umo.cycle.columns`). Other values of a part
-    are shown as its `numbers`."""
+    """The number of its rows in the column `alarms` of the shown memory (`umo.cycle.columns`). Other values of a
+    capability that is a part are shown as its `numbers`."""
 
     def attach(self, machine: Any) -> None:
-        """`machine` (`umo.cycle.machine.ConnectedMachine`) is laid out, and no driver was called yet; add functions to
-        its phases."""
+        """Add functions to the phases of `machine` (`umo.cycle.machine.ConnectedMachine`), which is laid out. No driver
+        was called yet."""
         raise NotImplementedError(f"{type(self).__name__}.attach")
 
     def begin(self) -> None:
-        """Called when every object is initialised, before the first sample."""
+        """Begin. Called when every object is initialised, before the first sample."""
 
     def end(self) -> None:
-        """Called when the sequences are cancelled, before anything is reset."""
+        """End. Called when the sequences are cancelled, before anything is reset."""
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """This process must not use any device from now on: calls of devices are replaced by `instead`, which does not
-        return."""
+        """Use no device from now on: replace calls of devices by `instead`, which does not return."""
 
 
 def declared_capabilities(root: Compound) -> list[Capability]:
-    """Return the capabilities that a machine declares: by class keywords, by its laws, then its parts, in the order of
-    their declaration."""
+    """Return the capabilities that a machine declares: first those of class keywords, then those of its laws, then its
+    parts, each in the order of declaration."""
     compounds = [node for node in (root, *walk(root)) if isinstance(node, Compound)]
     named = (module for word, module in BY_KEYWORD.items() if any(getattr(each._settings, word) for each in compounds))
     brought: dict[Any, list[tuple[str, Any]]] = {}

@@ -1,7 +1,7 @@
 """The claims of a machine: who drives each actuator (docs/decisions/0094-who-drives-an-output.md).
 
-A fault of its equipment or an interlock keeps an actuator at its default, a client has it alone, or else the program
-has it. The column `restrictions` shows this to all writers, and is set by this table only.
+A fault of its equipment or an interlock keeps an actuator at its default, or a client alone has the actuator, or else
+the program has it. The column `restrictions` shows this to all writers, and is set by this table only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from umo.objects.claims import TAKEN, Claim, Rank
 from umo.objects.stop_order import stop_sequence
 
 ONE_BY_ONE = 64
-"""Number of actuators from which on the column `restrictions` is set as a whole."""
+"""The number of actuators from which on the column `restrictions` is set as a whole."""
 
 
 def reason_of_client(who: str) -> str:
@@ -46,9 +46,9 @@ class Command:
     interlocks: list[Inhibition]
     """The interlocks that name this actuator."""
     faults: list[Inhibition]
-    """The faults of its equipment."""
+    """The faults of the equipment around this actuator."""
     written: float | None = None
-    """Time of the last write that was admitted, in s on the cycle's clock; None after it has expired."""
+    """The time of the last admitted write in s on the cycle's clock; None after this write has expired."""
     client: str = ""
     """The client that has taken the actuator, so that the program cannot write it."""
 
@@ -70,7 +70,7 @@ class Command:
 
     @property
     def rank(self) -> Rank:
-        """Return the rank that has the actuator."""
+        """The rank that has the actuator."""
         if any(each.held for each in self.faults):
             return Rank.FAULT
         if any(each.reason is not None for each in self.interlocks):
@@ -79,11 +79,12 @@ class Command:
 
     @property
     def reason(self) -> str | None:
-        """Return the reason why the program may write no value except the default."""
+        """The reason why the program may write no value except the default."""
         return self.interlocked or (reason_of_client(self.client) if self.client else None)
 
     def admits(self, value: float, source: Source) -> bool:
-        """True if a value may be taken now; Raises Interlocked if an interlock with the effect "stop" inhibits it."""
+        """Return True if a value may be taken now; raises Interlocked if an interlock with the effect "stop" inhibits
+        it."""
         if self.client and source is not Source.CLIENT:
             return False
         if value == self.default:
@@ -111,23 +112,24 @@ class Claims:
         self.order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         """The guarded actuators in stop order."""
         self.place = {slot: number for number, slot in enumerate(self.order)}
-        """The place of each in this order."""
+        """The index of each actuator in this order."""
         self.inhibitions = inhibitions_of(root, image.slot_of, self.order)
         """The interlocks, as declared."""
         self._interlocks_of = _by_slot(self.inhibitions)
         self._faults: list[Inhibition] = []
-        """The inhibitions by faults of equipment: no condition is asked for these."""
+        """The inhibitions by faults of equipment. They have no condition."""
         self._faults_of = _by_slot(self._faults)
         self._of_equipment: dict[int, Command] = {}
-        """The actuators of equipment: made beforehand, for its first fault."""
+        """The actuators of each equipment, collected before its first fault."""
         found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
         self.by_slot = {command.slot: command for command in found if command.interlocks or command.expires < inf}
-        """The guarded actuators, as declared, and those that a client has taken or a fault has inhibited since."""
+        """The guarded actuators, as declared, and the actuators that a client has taken or a fault has inhibited
+        since."""
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
         self.left: dict[object, dict[int, float]] = {}
-        """The values that waiting work has left on its actuators, by slot, for each part in which work waits. A fault
-        of equipment ends the work in it, and removes these values."""
+        """The values that suspended work last wrote to its actuators, by slot, for each part in which work is
+        suspended. A fault of equipment ends the work in the equipment and removes these values."""
         self._asks_all = False
         """True if writes of free actuators pass the command stage too."""
         self._numbers: dict[str, int] = {}
@@ -163,7 +165,7 @@ class Claims:
         return None if command is None else command.reason
 
     def acknowledge(self, slots: frozenset[int]) -> bool:
-        """Acknowledge latched interlocks of these actuators whose conditions are false. True if none of them is
+        """Acknowledge latched interlocks of these actuators whose conditions are false. Return True if none of them is
         inhibited."""
         for each in self._inhibiting_some(slots, self.inhibitions):
             each.acknowledge()
@@ -171,8 +173,8 @@ class Claims:
         return not self._inhibiting_some(slots, [*self.inhibitions, *self._faults])
 
     def inhibiting(self, slots: frozenset[int], *, latched: bool = False) -> list[str]:
-        """Return the reasons of the interlocks that inhibit one of these actuators, each once; with `latched`, only
-        those of latched interlocks."""
+        """Return the reasons of the interlocks that inhibit one of these actuators, each once. With `latched`, return
+        only the reasons of latched interlocks."""
         found = self._inhibiting_some(slots, self.inhibitions)
         asked = (each for each in found if each.interlock.latched or not latched)
         return list(dict.fromkeys(each.reason for each in asked if each.reason))
@@ -184,7 +186,7 @@ class Claims:
     # Clients -------------------------------------------------------------------------------------------
 
     def client_of(self, slot: int) -> str:
-        """Return the client that has taken the actuator; empty if none has."""
+        """Return the client that has taken the actuator; empty if no client has."""
         command = self.by_slot.get(slot)
         return "" if command is None else command.client
 
@@ -216,7 +218,7 @@ class Claims:
     # Interlocks and faults of equipment ----------------------------------------------------------------
 
     def interlocked(self, begun: Sequence[Inhibition]) -> None:
-        """Note that these interlocks have begun to inhibit, or that others have ended. A client's hold on their
+        """Note that these interlocks have begun to inhibit, or that interlocks have ended. A client's hold on their
         actuators is not restored by itself."""
         for each in begun:
             self._taken_by_clients.difference_update(each.slots)
@@ -240,8 +242,8 @@ class Claims:
         self._restrict()
 
     def hold(self, fault: Inhibition) -> None:
-        """From now on allow only the defaults of its actuators, even if a client has taken them. No fault around them
-        holds them yet."""
+        """From now on allow only the defaults of the actuators of this inhibition, even if a client has taken them. No
+        other fault may hold them yet."""
         fault.held, fault.reason = True, fault.interlock.reason
         number = self._numbers.get(fault.reason, len(self._numbers))
         known, restrictions, any_taken = self.by_slot, self._image.restrictions, bool(self._taken_by_clients)
@@ -258,14 +260,14 @@ class Claims:
                 del left[slot]
 
     def inhibit(self, faults: Sequence[Inhibition]) -> dict[int, Failure]:
-        """Reset the actuators of these inhibitions, which are held, in stop order. Return those that failed, by
+        """Reset the actuators of these inhibitions, which must be held (`hold`), in stop order. Return the failures by
         slot."""
         slots = sorted({slot for fault in faults for slot in fault.slots}, key=self.place.__getitem__)
         self._image.transfer.note_each(slots, Kind.INTERLOCKED)
         return self._image.settle(slots, ToDefault.RESET)
 
     def free(self, faults: Sequence[Inhibition]) -> None:
-        """Allow writes to their actuators again, unless an interlock inhibits them."""
+        """Allow writes to the actuators of these inhibitions again, unless an interlock inhibits them."""
         for fault in faults:
             fault.held, fault.reason = False, None
         self._restrict([slot for fault in faults for slot in fault.slots])
@@ -305,9 +307,9 @@ class Claims:
 
     @property
     def reasons(self) -> list[str]:
-        """The reasons of interlocks, each once, in the order of their numbers, those of conditions that cannot be
-        evaluated, those of latched interlocks whose condition is over, and those of faults of equipment; reasons that
-        do not fit a byte share the last number."""
+        """The reasons, each once, in the order of their numbers: of interlocks, of conditions that cannot be evaluated,
+        of latched interlocks whose condition is over, and of faults of equipment. Reasons whose numbers do not fit a
+        byte share the last number."""
         interlocks = [each.interlock for each in self.inhibitions]
         over = [latched(each) for each in interlocks if each.latched]
         faults = (each.interlock.reason for each in self._faults)

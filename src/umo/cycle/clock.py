@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 
 class Clock:
-    """Counts the timer's ticks; time stands still between them, so a run in virtual time repeats exactly."""
+    """The clock that counts the timer's ticks. Time stands still between two ticks, so a run in virtual time can be
+    repeated exactly."""
 
     __slots__ = ("dt", "missed", "missed_in_all", "now", "number", "on_tick", "period", "ticks")
 
@@ -15,7 +16,7 @@ class Clock:
         self.period = period
         """The sampling period in s."""
         self.ticks = 1
-        """Number of ticks that the last read of the timer consumed."""
+        """The number of ticks that the last reading of the timer consumed."""
         self.missed = 0
         """The result of the last reading of the timer."""
         self.missed_in_all = 0
@@ -25,7 +26,7 @@ class Clock:
         self.now = 0.0
         self.dt = period
         self.on_tick: Callable[[], None] = lambda: None
-        """Function that is called when the timer has returned, while the clock still shows the period before."""
+        """The function that is called when the timer has returned, while the clock still shows the previous period."""
 
     def read(self) -> float:
         """Return the time in s for a reading that is made now."""
@@ -58,7 +59,7 @@ class WallClock(Clock):
         return self._source() - self._start
 
     def look(self) -> None:
-        """Begin a period: `dt` becomes the time since the previous one."""
+        """Begin a period: `dt` becomes the time since the previous period."""
         self.on_tick()
         now = self._source() - self._start
         self.number += 1

@@ -1,7 +1,8 @@
 """The numbers of a process image: columns in one contiguous piece of memory, and the scales of its objects.
 
 Every column has a row for each object; an object's row is its slot. Columns are arrays, for blocks and Vectors; the
-image has a memoryview of each for single objects: Python reads its items in a third of the time of numpy's.
+image also has a memoryview of each column for single objects, because Python reads an item of a memoryview in a third
+of the time that an item of an array takes.
 """
 
 from __future__ import annotations
@@ -20,36 +21,37 @@ from umo.objects.scaling import IntArray
 from umo.wiring.wired import Wire
 
 FREE, ASKED, TAKEN_BY_CLIENT = 0, 254, 255
-"""Values of the column `restrictions`: a write goes directly into the image; the command stage checks it, because the
-actuator has an expiry or is asynchronous; a client has taken the actuator. 1 to 253 is the number of the reason of an
-inhibition."""
+"""The values of the column `restrictions`. FREE: a write goes directly into the image. ASKED: the command stage checks
+a write, because the actuator has an expiry or is asynchronous. TAKEN_BY_CLIENT: a client has taken the actuator. 1 to
+253: the number of the reason of an inhibition."""
 LAST, NOW, UNSEEN, TOLD = 1, 2, 64, 128
-"""Bits of the column `written`: written in the period before; written since the values were sent last; another writer
-has written the value that was already pending, and was not examined; two writers were reported, so the writers of this
-actuator are no longer examined."""
+"""The bits of the column `written`. LAST: the actuator was written in the previous period. NOW: it was written since
+the values were sent last. UNSEEN: another writer has written the value that was already pending, and was not examined.
+TOLD: two writers were reported, so the writers of this actuator are no longer examined."""
 WIDE, NARROW = 7, 2
 """Columns with 8 bytes per row, and columns with 1 byte per row."""
 
 
 class Source(Enum):
-    """The origin of a command."""
+    """The source of a command."""
 
     PROGRAM = "program"
     CLIENT = "client"
     DEFAULT = "default"
-    """Not a write: an interlock, a fault, a reset, an expiry or the end of a client's hold sends the default."""
+    """An interlock, a fault, a reset, an expiry or the end of a client's hold sends the default. This is not a
+    write."""
 
 
 class Columns:
     """The numbers that change while the machine runs.
 
-    Sensors: `raws`, `values`, `quality`, `times` of the last reading. Actuators: `pending`, the value written; `sent`
-    and `sent_raws`, a pair: the value that the driver received last, or receives next; `raws`, `values`, `times`: the
-    value that it accepted last; `stepped`, for actuators with a slew rate: the time of the last step, infinite while a
-    reset is still to be accepted; `restrictions`: whether the command stage checks a write (set by the claims,
-    `claim_table.py`).
+    Sensors: `raws`, `values`, `quality`, `times` of the last reading. Actuators: `pending` is the value written. The
+    pair `sent` and `sent_raws` is the value that the driver received last, or receives next. `raws`, `values`, `times`
+    belong to the value that the driver accepted last. `stepped`, for actuators with a slew rate, is the time of the
+    last step, infinite while a reset is still to be accepted. `restrictions` says whether the command stage checks a
+    write (set by the claims, `claim_table.py`).
 
-    `equipment`, `axes` and `alarms` have a row for each of these: the number of its state.
+    `equipment`, `axes` and `alarms` have a row for each equipment, axis and alarm with the number of its state.
     """
 
     def __init__(self, count: int, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
@@ -62,17 +64,18 @@ class Columns:
         self.quality, self.restrictions = memory[ends[0] : ends[1]].reshape(NARROW, count)
         self.equipment, self.axes, self.alarms = np.split(memory[ends[1] :], [equipment, equipment + axes])
         self.written = np.zeros(count, np.uint8)
-        """Actuators: bits that are set when control code has written them."""
+        """For actuators: the bits that are set when control code has written them."""
         self.owners = np.zeros(count, np.uint64)
-        """Actuators: the identity of the code that has written them last."""
+        """For actuators: the identity of the code that has written them last."""
         self.times.fill(nan)
         self.shown = memory[wide[:5].nbytes :].data
-        """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `axes`, `alarms`, in this order, which
-        a frame shows."""
+        """The bytes that a frame shows: of `values`, `raws`, `quality`, `restrictions`, `equipment`, `axes`, `alarms`,
+        in this order."""
 
 
 class Scales:
-    """The numbers that convert each object: value = raw * resolution + zero_offset. It changes only by homing."""
+    """The numbers that convert each object: value = raw * resolution + zero_offset. Only homing changes the zero
+    offset."""
 
     def __init__(self, wires: Sequence[Wire], default_raws: Sequence[int | None]) -> None:
         """`default_raws`: the raw integer of each actuator's default, None for a sensor."""
@@ -80,7 +83,7 @@ class Scales:
         self.resolution, self.zero_offset = np.array([wire.scale for wire in wires], float).reshape(count, 2).T.copy()
         bounds = [wire.bounds if wire.item.direction is Direction.INPUT else (-inf, inf) for wire in wires]
         self.low, self.high = np.array(bounds, float).reshape(count, 2).T.copy()
-        """Bounds within which a sensor's value is GOOD."""
+        """The bounds within which a sensor's value is GOOD."""
         self.least, self.greatest = np.array([_raw_bounds(wire) for wire in wires], float).reshape(count, 2).T.copy()
         """The least and the greatest raw integer of an actuator."""
         exact = [wire.item.direction is Direction.INPUT or wire.exact for wire in wires]
@@ -116,7 +119,8 @@ class Block:
         self.driver = driver
         self.channels = channels
         self.part = part
-        """Number of the part with a rate of its own (`Wired.rates`) to which its objects belong; below 0 if to none."""
+        """The number of the part (`Wired.rates`) with another rate to which the objects belong; below 0 if they belong
+        to no such part."""
         self.start = start
         self.stop = start + len(channels)
         self.slots = slice(start, self.stop)
@@ -126,25 +130,26 @@ class Block:
         """Array for the driver's transfer, which fills it for inputs and reads it for outputs."""
         self.buffer.flags.writeable = inputs
         self.view = self.buffer.data
-        """The buffer's array as a memoryview; between two memoryviews a copy takes a third of numpy's time."""
+        """The buffer's array as a memoryview. A copy between two memoryviews takes a third of the time of a copy
+        between two arrays."""
         self.unread = np.full(self.count, UNREAD).data
-        """Inputs: contents of the buffer before a transfer."""
+        """For inputs: the contents of the buffer before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
         self.unwatched: Callable[[Any, IntArray], None]
         """The block transfer without a watch around it."""
         self.was_moved: Callable[[int], object] | None = None
-        """Called with the duration in ns of a transfer that was not made by `transfer`."""
+        """The function that is called with the duration in ns of a transfer that was not made by `transfer`."""
         self.convert: Callable[[float], Sequence[tuple[int, float]]]
-        """For inputs: converts the buffer into raws and values of the image, and sets their times to the given time in
-        s. If any values are out of bounds, it returns their (slot, value) pairs instead of storing them, and leaves the
-        times to the caller."""
+        """For inputs: the function that converts the buffer into raws and values of the image, and sets their times to
+        the given time in s. If any values are out of bounds, the function returns their (slot, value) pairs instead of
+        storing them, and the caller sets the times."""
         self.give: Callable[[float, float], None]
-        """Outputs: fills the buffer with the pending values, limited by the slew rates; called with the time in s, and
-        the duration of this period in s (0 means since the last step)."""
+        """For outputs: the function that fills the buffer with the pending values, limited by the slew rates. It is
+        called with the time in s and the duration of this period in s (0 means since the last step)."""
         self.commit: Callable[[float], None]
-        """Outputs: note that the hardware has accepted the buffer at the given time in s."""
+        """For outputs: the function that notes that the hardware has accepted the buffer at the given time in s."""
         self.conditioned: Any = None
-        """Inputs: the conversion by `umo.cycle.conditioning`, or None if no sensor of the block is conditioned."""
+        """For inputs: the conversion by `umo.cycle.conditioning`; None if no sensor of the block is conditioned."""
         self.unsettled: set[int] = set()
-        """Slots whose quality differs from the normal one, as one set that is never replaced."""
+        """The slots whose quality is not the normal one. The set object is never replaced."""

@@ -1,10 +1,10 @@
-"""The command stage: checks every write to a guarded actuator before it reaches the process image.
+"""The command stage, which checks every write to a guarded actuator before the write reaches the process image.
 
     source, range, interlock, expiry, then the image
 
-The object itself checks the range first. Only writes to actuators that are marked in the column `restrictions` come
-here: the claims (`claim_table.py`) set this column, and decide whether a write is accepted. All other writes go
-straight into the image. The image limits the rate.
+The object itself checks the range first. Only writes to actuators that are marked in the column `restrictions` reach
+this stage. The claims (`claim_table.py`) set this column, and decide whether a write is accepted. All other writes go
+directly into the image. The image limits the rate.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class CommandStage:
         self._by_slot = claims.by_slot
         self._watching: list[WriteWatch] = []
         self.noted: set[int] | None = None
-        """The actuators that were written since `note_writes`, or None if they are not noted."""
+        """The actuators that were written since `note_writes`; None if writes are not noted."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """Handle a write within the range. Return True if the image accepts it, False if the actuator is inhibited."""
@@ -49,7 +49,7 @@ class CommandStage:
         return taken
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        """Handle many writes at once, each with its answer. If it raises Interlocked, none was accepted."""
+        """Handle many writes in one call. Return an answer for each. If it raises Interlocked, none was accepted."""
         if self.noted is not None:
             self.noted.update(slots)
         commands = [self._by_slot.get(slot) for slot in slots]
@@ -66,8 +66,8 @@ class CommandStage:
         return free
 
     def go_on(self, left: Mapping[int, float]) -> None:
-        """Write the values again that work has left on these actuators. A value that is not accepted is recorded as an
-        event."""
+        """Write the values again that suspended work last wrote to these actuators. A value that is not accepted is
+        recorded as an event."""
         image = self._image
         if refused := [slot for slot, value in left.items() if not self._goes_on(slot, value)]:
             image.events.add(partial(_not_restored, image.clock.now, image.items, refused), logged=True)
@@ -79,7 +79,7 @@ class CommandStage:
             return False
 
     def note_writes(self, yes: bool) -> None:
-        """Start, or stop, to note in `noted` which actuators are written."""
+        """Start or stop noting in `noted` which actuators are written."""
         self.noted = set() if yes else None
         self._ask()
 
@@ -100,8 +100,9 @@ class CommandStage:
                 self._image.events.add(Event(self._image.clock.now, "", text), logged=True)
 
     def watch(self, call: WriteWatch) -> None:
-        """From now on call this function for each write and each default that is sent: with its slot, its value, the
-        source ("program", "client", "default"), and whether it was accepted. Every write passes this stage."""
+        """From now on call this function for each write and each default that is sent, with the slot, the value, the
+        source ("program", "client", "default"), and whether the write was accepted. Then every write passes this
+        stage."""
         self._watching.append(call)
         self._ask()
 

@@ -1,8 +1,8 @@
 """Conditioning of sensors: rollover of a counter, filter, velocity, debounce.
 
-It takes place when raw integers become values. It computes with the times of the readings, so it is correct after
-missed ticks, at any rate, and for a driver off the cycle. A missing reading changes nothing. The raw integers stay
-those of the circuit."""
+Conditioning takes place when raw integers are converted to values. It computes with the times of the readings, so it is
+correct after missed ticks, at any rate, and for a driver off the cycle. A missing reading changes nothing. The raw
+integers stay unchanged."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Conditioner:
 
     @property
     def reading(self) -> float | None:
-        """Return the value of the last reading, or None before the first one."""
+        """The value of the last reading, or None before the first one."""
         return None
 
     def conditioned(self, value: float, time: float, inside: bool) -> float:
@@ -43,14 +43,14 @@ class Conditioner:
         return value
 
     def value_of(self, value: float, time: float) -> float:
-        """The value of a reading within the range. A filter ignores a second reading at the same time."""
+        """Return the value of a reading within the range. A filter ignores a second reading at the same time."""
         return value
 
     def shift(self, distance: float) -> None:
         """Note that the zero offset has changed by this distance."""
 
     def leave(self) -> None:
-        """Leave the range: the reading is shown unfiltered, and the filter starts again with the next one."""
+        """Leave the range: the reading is shown unfiltered, and the filter starts again with the next reading."""
 
 
 class NumberConditioner(Conditioner):
@@ -111,8 +111,8 @@ class NumberConditioner(Conditioner):
 
 
 class StateConditioner(Conditioner):
-    """A change counts when it lasts from one reading to another one at least `debounce` later; the level between two
-    readings is unknown."""
+    """The debounce of a binary sensor. A change counts when it lasts from one reading to another reading at least
+    `debounce` later. The level between two readings is unknown."""
 
     def __init__(self, debounce: float) -> None:
         self._debounce = debounce
@@ -150,8 +150,8 @@ def conditioner_of(wire: Wire) -> Conditioner | None:
 
 
 class ConditionedInputs:
-    """The conversion of a block with sensors that are conditioned. `refused` returns whether a raw integer means an
-    invalid reading."""
+    """The conversion of a block with sensors that are conditioned. `refused` is a function that returns whether a raw
+    integer means an invalid reading."""
 
     def __init__(
         self,
@@ -164,10 +164,11 @@ class ConditionedInputs:
         self._refused = refused
         self._each = [(slot - block.start, slot, conditioners[slot]) for slot in conditioners]
         self.stamps: FloatArray | None = None
-        """The times in s of the readings, NaN for none yet; None means that all are of the time of the call."""
+        """The times in s of the readings, NaN before the first reading. None means that the time of the call is the
+        time of all readings."""
 
     def convert(self, now: float) -> Sequence[tuple[int, float]]:
-        """Convert as `Block.convert`."""
+        """Convert the block like `Block.convert`."""
         view, raws, values = self._block.view, self._columns.raws, self._columns.values
         read = [
             (place, slot, each, raw)

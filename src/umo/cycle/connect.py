@@ -47,14 +47,14 @@ class connect(Generic[C]):
     """Connect a machine: `with connect(machine, "wiring/simulated.toml") as m:`.
 
     `wiring` is a TOML file, its contents as a dict, or None (default: all objects on simulated channels, period 1 ms).
-    `options` are passed to every driver that has an option of this name (`seed=1`. Raises OptionError if none has);
-    `realtime=True` lets a timer in virtual time keep the pace of the wall clock, `fault="z.encoder stuck at 5 s"` (or a
-    list) injects faults (`umo.testing.faults`).
+    `options` are passed to every driver that has an option of this name, such as `seed=1` (raises OptionError if no
+    driver has it); `realtime=True` lets a timer in virtual time keep the pace of the wall clock, `fault="z.encoder
+    stuck at 5 s"` (or a list) injects faults (`umo.testing.faults`).
 
-    On entry: check the wiring (WiringError lists every mistake); reserve the devices (DeviceHeld names the owner.
-    Raises AcknowledgeRequired if the last run on a device ended unsafely, unless `acknowledge`); open the drivers;
-    initialise every object at its default; arm the watchdogs; take one sample. On exit: reset every actuator in stop
-    order, then finalise in reverse order. A failure does not stop the other resets; StopError lists by path the
+    On entry: check the wiring (WiringError lists every error); reserve the devices (DeviceHeld names the owner;
+    AcknowledgeRequired is raised if the last run on a device ended unsafely, unless `acknowledge` is given); open the
+    drivers; initialise every object at its default; arm the watchdogs; take one sample. On exit: reset every actuator
+    in stop order, then finalise in reverse order. A failure does not stop the other resets; StopError lists by path the
     actuators that are not at their defaults. If entry fails, the objects initialised so far are reset and finalised
     too.
     """
@@ -76,26 +76,26 @@ class connect(Generic[C]):
         self._acknowledge = acknowledge
         self.stop = StopFlag()
         self.on_step: Callable[[], object] = lambda: None
-        """Function that is called before every call of a driver while connecting and disconnecting, as a sign of
-        life."""
+        """The function that is called before every call of a driver while connecting and disconnecting, as a
+        heartbeat."""
         self.pause: Callable[[float], object] = time.sleep
-        """The function that waits (in s) before the second reset."""
+        """The function that waits for a time in s before the second reset."""
         self.reached = True
-        """True if every initialised actuator is at its default, as far as known."""
+        """True if every initialised actuator is known to be at its default."""
         self.reports: dict[str, Mapping[str, Any]] = {}
         """Reports of the drivers on their circuits or plants (`Reports.report`), by driver; empty before the end."""
         self.afterwards: list[Callable[[], object]] = []
         """Functions that are called when the actuators have been reset and the last period has been shown."""
         self.kept: Mapping[str, Any] = {}
-        """The kept values of the last run by path (`umo.cycle.restoring`). They count after the wiring's parameters."""
+        """The kept values of the last run by path (`umo.cycle.restoring`). They override the wiring's parameters."""
         self.states: Mapping[str, Any] = {}
         """The states of capabilities at the end of the last run, by their names, such as the states of `alarms` by
         path."""
         self.not_restored: dict[str, str] = {}
-        """The reasons why kept values were not taken, by path. Each of these numbers has its default."""
+        """The reasons why kept values were not restored, by path. Each of these numbers has its default."""
         self.laid_out: Callable[[ConnectedMachine], object] = lambda machine: None
-        """Function that is called when the machine has its parameters, its kept values and its laws; no device is open
-        yet."""
+        """The function that is called when the machine has its parameters, its kept values and its laws. No device is
+        open yet."""
         self.before_first_sample: Callable[[], object] = lambda: None
         """Function that is called when every object is initialised."""
         self.first_entries = b""
@@ -103,7 +103,7 @@ class connect(Generic[C]):
         self.seed = 0
         """Seed of the machine's random numbers (`m.cycle.random`)."""
         self.device_claim: DeviceClaim | None = None
-        """The owner of the devices, if it is not the connection itself."""
+        """The owner of the devices, if this is not the connection itself."""
         self.wired: Wired
         self.machine: ConnectedMachine
         self._restore = ExitStack()
@@ -116,8 +116,7 @@ class connect(Generic[C]):
         return self.machine.image
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call of this process reach a driver any more: in its place `instead` is called, which does not
-        return."""
+        """Replace every call of a driver in this process by `instead`, which does not return."""
         self.on_step = instead
         if hasattr(self, "machine"):
             self.machine.refuse(instead)
@@ -129,7 +128,7 @@ class connect(Generic[C]):
             device_claim.hold.release()
 
     def driver(self, name: str) -> Any:
-        """The open driver with this name in the wiring, of the class that the wiring names."""
+        """Return the open driver with this name in the wiring, of the class that the wiring names."""
         return bare(self.wired.drivers[name])
 
     def __enter__(self) -> C:

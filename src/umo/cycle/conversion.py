@@ -1,9 +1,10 @@
 """The conversion of a block at the edge of the process image.
 
-Inputs: raw integers to values, after their transfer. Outputs: pending values to raw integers, before their transfer.
+Raw integers of inputs are converted to values after their transfer. Pending values of outputs are converted to raw
+integers before their transfer.
 
-The extension in C does it if it is built, and if inputs have no user-defined linearization and outputs have none;
-otherwise numpy does it. Tests prove that both give the same bits.
+The extension in C makes the conversion if the extension is built, if inputs have no user-defined linearization, and if
+outputs have no linearization. Otherwise numpy makes the conversion. Tests prove that both give the same bits.
 """
 
 from __future__ import annotations
@@ -23,17 +24,18 @@ from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raws, to_steps, to_values
 
 extension: Any = None
-"""The extension in C, or None if it was not built, and numpy does its work."""
+"""The extension in C; None if it was not built and numpy makes the conversion."""
 with suppress(ImportError):
     extension = import_module("umo.cycle._columns")
 ROUND_TO_EVEN = 1.5 * 2.0**52
-"""Constant for rounding: its sum with a float below 2**51 is rounded half to even; the difference of the bits of sum
-and constant is the integer. This takes a fifth of the time of numpy's rint and its conversion to integers."""
+"""The constant for rounding: the sum of the constant and a float below 2**51 is rounded half to even, and the
+difference between the bits of sum and constant is the integer. This takes a fifth of the time of numpy's rint and
+conversion to integers."""
 
 
 def convert_inputs(block: Block, columns: Columns, scales: Scales, hidden: Mapping[int, Sequence[int]]) -> None:
-    """Set `convert` of an input block, also after a change of its scales. `hidden` gives, by raw integer, the places in
-    the block at which it is an invalid reading although it is within the range."""
+    """Set `convert` of an input block, also after a change of its scales. `hidden` maps a raw integer to the indices in
+    the block at which this integer is an invalid reading although it is within the range."""
     slots = block.slots
     linearizations = Linearizations(scales.linearizations[slots])
     curves = linearizations.in_c
@@ -68,8 +70,8 @@ def _views(block: Block, *columns: FloatArray | IntArray) -> tuple[memoryview, .
 
 
 class Inputs:
-    """One block of inputs, converted by numpy. (Arguments by position: such a call takes half the time of a call with
-    names.)"""
+    """One block of inputs, converted by numpy. Its functions take arguments by position, because a call with names
+    takes twice the time."""
 
     def __init__(
         self,
@@ -90,7 +92,7 @@ class Inputs:
         self._bounds = np.concatenate([scales.low[slots], -scales.high[slots]])
         self._hidden = [(raw, np.array(places)) for raw, places in hidden.items()]
         self._both = np.zeros(2 * block.count)
-        """The values that were found, then the negative of each: both bounds are one comparison."""
+        """The computed values, then the negative of each, so that one comparison checks both bounds."""
         self._rows = self._both.reshape(2, block.count)
         self._found, self._negative = self._rows
         self._found_view = self._found.data
@@ -145,7 +147,7 @@ class Outputs:
         self._written = None if extension is None else columns.written[slots]
 
     def give(self, now: float, dt: float) -> None:
-        """Encode as `Block.give`."""
+        """Encode the block like `Block.give`."""
         if self._written is not None:
             extension.end_period(self._written)
         if self._limited or not self._plain:
@@ -159,7 +161,7 @@ class Outputs:
         subtract(self._bits, self._bits_of_rounding, self._block.raws)
 
     def commit(self, now: float) -> None:
-        """Confirm as `Block.commit`."""
+        """Confirm the block like `Block.commit`."""
         self._values[:] = self._sent_view
         self._raws[:] = self._block.view
         self._times.fill(now)
@@ -175,8 +177,8 @@ def send(
     now: float,
     dt: float,
 ) -> None:
-    """Set `sent` and `sent_raws` together: if a linearization raises an error, both stay unchanged. It is not called
-    for the last sent value or a default."""
+    """Set `sent` and `sent_raws` together: if a linearization raises an error, both stay unchanged. The linearization
+    is not called for the last sent value or a default."""
     sent, stepped = _next(columns, scales, slots, now, dt)
     raws, at_default = columns.sent_raws[slots].copy(), sent == scales.defaults[slots]
     changed = sent.view(np.int64) != np.array(columns.sent[slots]).view(np.int64)

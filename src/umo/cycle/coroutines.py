@@ -1,4 +1,4 @@
-"""Facts about a sequence from Python: where it waits, whose code it is, its arguments."""
+"""Facts about a sequence that Python provides: where it waits, its code, its arguments."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from umo.text import cut_repr, place_among
 
 
 def frames_of(sequence: Any) -> list[FrameType]:
-    """The frames in which a sequence waits, the outermost first."""
+    """Return the frames in which a sequence waits, the outermost first."""
     frames: list[FrameType] = []
     while isinstance(sequence, CoroutineType):
         if sequence.cr_frame is not None:
@@ -22,25 +22,26 @@ def frames_of(sequence: Any) -> list[FrameType]:
 
 
 def place_of(sequence: Any) -> str:
-    """The place at which a sequence waits, in code that is not Python's own."""
+    """Return the place at which a sequence waits, in code that is not Python's own."""
     frames = frames_of(sequence)
     return place_among((each.f_code.co_filename, each.f_lineno, each.f_code.co_name) for each in frames)
 
 
 def code_of(sequence: Any) -> CodeType | None:
-    """Return the code of its `async def` function, or None for other kinds."""
+    """Return the code of the sequence's `async def` function; None for other kinds of sequences."""
     return getattr(sequence, "cr_code", None)
 
 
 def given_to(sequence: Any) -> dict[str, Any]:
-    """Return the arguments of its function and the values it uses of enclosing functions; {} after its end."""
+    """Return the arguments of the sequence's function and the values of enclosing functions that it uses; {} after its
+    end."""
     code, values = _running(sequence)
     names = () if code is None else (*_parameters(code), *code.co_freevars)
     return {name: values[name] for name in names if name in values}
 
 
 def arguments_text(sequence: Any) -> str:
-    """Return the short arguments of an `async def` function as text: objects of the machine, numbers, texts."""
+    """Return the short arguments of an `async def` function as text: objects of the machine, numbers, strings."""
     code, values = _running(sequence)
     if code is None:
         return ""
@@ -49,7 +50,7 @@ def arguments_text(sequence: Any) -> str:
 
 
 def is_new(sequence: Any) -> bool:
-    """True if it is a sequence that has not begun."""
+    """Return True if the object is a sequence that has not begun."""
     return inspect.iscoroutine(sequence) and inspect.getcoroutinestate(sequence) == inspect.CORO_CREATED
 
 

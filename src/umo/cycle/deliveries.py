@@ -1,11 +1,13 @@
-"""The actuators of the image: what happens to them, and how their pending values reach the device.
+"""The actuators of the image: operations on them, and the ways in which their pending values reach the device.
 
 Each actuator has one delivery, chosen when it is connected:
 
-WithPeriod   a synchronous actuator: every `update` sends the pending value
-AtOnce       an asynchronous one: only a write sends it
-Posted       a synchronous one of a driver off the cycle: the period posts it, the device confirms it later
-Ordered      an asynchronous one of a driver off the cycle: a write orders it, the device confirms it later
+    WithPeriod   a synchronous actuator: every `update` sends the pending value
+    AtOnce       an asynchronous actuator: only a write sends the value
+    Posted       a synchronous actuator of a driver off the cycle: the period posts the value, the device confirms it
+                 later
+    Ordered      an asynchronous actuator of a driver off the cycle: a write orders the value, the device confirms it
+                 later
 """
 
 from __future__ import annotations
@@ -27,11 +29,11 @@ class ImageOutputs(Slots):
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
         self.owed: set[int] = set()
-        """Asynchronous actuators whose default the device did not accept: it is sent in every period until it is
-        accepted."""
+        """The asynchronous actuators whose default the device did not accept. The default is sent in every period until
+        it is accepted."""
         self.unconfirmed: dict[int, float] = {}
-        """Actuators with on_error="retry" whose pending value was not confirmed, with the time in s of the first
-        attempt. While they are STALE, it is sent again in every period."""
+        """The actuators with on_error="retry" whose pending value was not confirmed, with the time in s of the first
+        attempt. While an actuator is STALE, its value is sent again in every period."""
         with_period, at_once = WithPeriod(self), AtOnce(self)
         self.deliveries = [with_period if item.synchronous else at_once for item in self.items]
         """The delivery of the pending value of each actuator; sensors have none."""
@@ -44,7 +46,7 @@ class ImageOutputs(Slots):
         self.does_not_wait(slot)
 
     def is_at_default(self, slot: int) -> bool:
-        """True if the default of an actuator is pending."""
+        """Return True if the default of an actuator is pending."""
         return bool(self.pending[slot] == self._defaults[slot])
 
     def _give_default(self, slot: int) -> None:
@@ -53,7 +55,7 @@ class ImageOutputs(Slots):
         self.stepped[slot] = self.clock.now
 
     def accepted(self, slot: int) -> None:
-        """Note that one actuator was sent a value without an error."""
+        """Note that a value was sent to one actuator without an error."""
         self.deliveries[slot].accepted(slot)
 
     def confirmed(self, slot: int) -> None:
@@ -79,7 +81,7 @@ class ImageOutputs(Slots):
             self._has_failed(slot, cause, failures)
 
     def unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
-        """Note that the pending value has no raw integer."""
+        """Note that the pending value of an actuator cannot be converted to a raw integer."""
         self._has_failed(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
 
     def _has_failed(self, slot: int, cause: str, failures: list[Failure]) -> None:
@@ -103,15 +105,15 @@ class WithPeriod:
         return []
 
     def accepted(self, slot: int) -> None:
-        """Note that an actuator was sent a value without an error."""
+        """Note that a value was sent to an actuator without an error."""
         self._image.confirmed(slot)
 
     def refused(self, slot: int) -> None:
         """Note that the device did not accept the pending value."""
 
     def is_sent_again(self, slot: int) -> bool:
-        """True if an unconfirmed value is sent again in the next period, and has not failed yet. If it is not known
-        whether the device answers, it was not tried."""
+        """Return True if an unconfirmed value is sent again in the next period, and has not failed yet. If it is not
+        known whether the device answers, sending was not tried."""
         image = self._image
         away, driver = image.transfer.callees.away, image.wires[slot].driver
         return self._is_within(slot, image.times[slot]) or away.is_unknown(driver)
@@ -122,16 +124,17 @@ class WithPeriod:
         return max_age is not None and bool(self._image.clock.now - since <= max_age)
 
     def survives(self, slot: int) -> bool:
-        """True if the actuator gets its pending value after its device was away and has been initialised again."""
+        """Return True if the actuator gets its pending value after its device was away and has been initialised
+        again."""
         return True
 
     def goes_on(self, slot: int) -> None:
-        """Note that the device has been initialised again, and gets the pending value."""
+        """Note that the device has been initialised again and gets the pending value."""
 
 
 class AtOnce(WithPeriod):
-    """Delivery of outputs that are sent by a write. A default that was not accepted is sent in every period until it
-    is."""
+    """Delivery of outputs that a write sends. A default that was not accepted is sent in every period until it is
+    accepted."""
 
     at_once = True
 

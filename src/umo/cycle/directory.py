@@ -1,4 +1,4 @@
-"""The directory of a connected machine: all that clients, frames and pages look up by path. It does not call
+"""The directory of a connected machine: everything that clients, frames and pages look up by path. It does not call
 drivers."""
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ from umo.objects import Action, Actuator, Compound, actions_of, numbers_of, walk
 from umo.objects.laws import has_loops, laws_in
 
 DATA = ("builtins", "numpy")
-"""Modules whose objects are not laws, but data that only their law may use."""
+"""The modules whose objects are not laws, but data for the law that has them."""
 
 
 class MotionAxis(Protocol):
-    """A compound that is an axis of motion (`umo.control.Axis`): it moves by itself, under its own control."""
+    """A compound that is an axis of motion (`umo.control.Axis`): it moves by itself and controls its motion."""
 
     @property
     def _path(self) -> str: ...
 
     def shown_state(self) -> int:
-        """Return its state for frames, as the number of one of its states. It must not raise an error."""
+        """Return the state of the axis for frames, as the number of one of its states. The function must not raise an
+        error."""
 
     def describe_axis(self) -> Mapping[str, Any]:
         """Return the path, states, position, limits and actions of the axis, as plain data."""
@@ -43,11 +44,10 @@ class MotionAxis(Protocol):
 
 
 class Book(Protocol):
-    """A law that offers values to choose from for the next batch, such as a book of recipes
-    (`umo.operation.recipe_book`)."""
+    """A law that offers recipes from which a client chooses one for the next batch (`umo.operation.recipe_book`)."""
 
     def choose(self, name: str, content: str = "") -> str:
-        """Choose one by its name."""
+        """Choose a recipe by its name."""
 
     def describe(self) -> Mapping[str, Any]:
         """Return the choices as plain data: `fields` (name, unit, bounds) and `recipes` (name, hash, values)."""
@@ -66,7 +66,7 @@ class Directory:
         """The numbers that may be changed from outside, by path."""
         self.axes = axes_in(root)
         self.units: list[Any] = []
-        """The laws that implement the states of a part, set by `umo.operation.supervisors`."""
+        """The laws that implement the states of a part. The list is set by `umo.operation.supervisors`."""
         self._laws = [each for each in laws_in(root) if type(each[2]).__module__ not in DATA]
         self.laws = [each for each in self._laws if has_loops(each[2])]
         """The laws of the machine that have loops, each with the compound that has it and its path."""
@@ -77,26 +77,26 @@ class Directory:
         return actions_of(self._root)
 
     def action_at(self, path: str) -> Action | None:
-        """An action by its path, also one on a loop. Raises PathError if it names no law."""
+        """Return an action by its path; the action may be one on a loop. Raises PathError if the path names no law."""
         return self.actions.get(path) or self.loops.action(path)
 
     @cached_property
     def loops(self) -> Loops:
-        """The loops of its laws."""
+        """The loops of the laws of the machine."""
         return Loops(self._root, self.laws)
 
     @cached_property
     def books(self) -> dict[str, Book]:
-        """Return the laws that offer recipes to clients, by path."""
+        """The laws that offer recipes to clients, by path."""
         return dict(self.having("choose", "next", "describe"))
 
     def having(self, *names: str) -> list[tuple[str, Any]]:
-        """The laws whose class has all of these methods, each with its path."""
+        """Return the laws whose class has all of these methods, each with its path."""
         found = ((path, law, type(law)) for _, path, law in self._laws)
         return [(path, law) for path, law, kind in found if all(callable(getattr(kind, each, None)) for each in names)]
 
 
 def axes_in(root: Compound) -> list[MotionAxis]:
-    """The axes of a machine, in the order of frames."""
+    """Return the axes of a machine, in the order of frames."""
     nodes: list[Any] = [root, *walk(root)]
     return [each for each in nodes if callable(getattr(each.__class__, "describe_axis", None))]

@@ -1,10 +1,10 @@
 """Drivers that are away: their devices do not answer, and no call waits for them while the machine runs.
 
-After a call that timed out a stand-in replaces its driver: every call fails immediately. Before each period the devices
-are looked for (`Looks.look`, which never waits), at growing intervals. A device that answers is initialised again if it
-was away for long, and then called: the first call that succeeds ends the absence. After another kind of failure of a
-whole transfer, the device is looked for before the next period; until then it is called as usual. The decisions are
-made in `umo.drivers.absence`. (docs/decisions/0030 and 0098)
+After a call that timed out a stand-in replaces the driver, and every call fails immediately. Before a period, at
+growing intervals, umo looks for the devices (`Looks.look`, which never waits). A device that answers is initialised
+again if it was away for long, and is then called: the first call that succeeds ends the absence. After another kind of
+failure of a whole transfer, umo looks for the device before the next period; until then the device is called as usual.
+The decisions are made in `umo.drivers.absence`. (docs/decisions/0030 and 0098)
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from umo.user_code import attempt
 
 
 class DriverAway:
-    """One driver that has failed and is looked for."""
+    """One driver that has failed and whose device umo looks for."""
 
     def __init__(self, name: str, driver: Driver[Any]) -> None:
         self.name, self.driver = name, driver
@@ -38,8 +38,8 @@ class DriverAway:
         self.defaulted: dict[str, None] = {}
         """The actuators that the absence has brought to their defaults, where they stay."""
         self.judged = self.told = False
-        """True if the absence has lasted long enough for an event; and whether it had an event, so that its end has
-        one, too."""
+        """Two values: whether the absence has lasted long enough for an event, and whether it had an event, so that its
+        end has one, too."""
 
     def refusal(self) -> NotCalled:
         return NotCalled(f"it is away: {self.cause}")
@@ -200,7 +200,7 @@ def _at_defaults(paths: Sequence[str]) -> str:
 
 
 def in_order(slots: Iterable[int], drivers: Sequence[Driver[Any]]) -> dict[int, list[int]]:
-    """The slots of each driver, by its id, in the order given; `drivers` are those of all slots."""
+    """Return the slots of each driver, by its id, in the order given; `drivers` are those of all slots."""
     found: dict[int, list[int]] = {}
     for slot in slots:
         found.setdefault(id(drivers[slot]), []).append(slot)

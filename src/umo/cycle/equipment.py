@@ -1,8 +1,8 @@
 """Equipment: the parts of a machine that fail alone (the equipment module of ISA-88).
 
 A failure of an object, a law, a started sequence or a motion belongs to the innermost equipment around it. Equipment in
-fault has its actuators at their defaults, its sequences have ended and its laws are not called; the rest of the machine
-continues. A failure that no declared equipment contains ends the run.
+fault has its actuators at their defaults, its sequences have ended and its laws are not called; the other parts of the
+machine continue. A failure that no declared equipment contains ends the run.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from umo.text import in_a_line, some
 from umo.user_code import is_interrupt
 
 CLEANING_UP = "in its cleaning up: "
-"""First words of the event of an error in a sequence or motion that a fault has ended."""
+"""The beginning of the text of an event about an error in a sequence or motion that a fault has ended."""
 
 
 class EquipmentState(IntEnum):
@@ -42,7 +42,7 @@ class EquipmentState(IntEnum):
 
 
 class Reason:
-    """The reason of a fault, put into words when it is called."""
+    """The reason of a fault as a function. Its text is made when the function is called."""
 
     __slots__ = ("_given", "_words")
 
@@ -61,7 +61,7 @@ class Equipment:
     """One compound that is declared as equipment."""
 
     number: int
-    """The place of the equipment among all equipment: the outer ones precede the inner ones."""
+    """The index of the equipment among all equipment; outer equipment precedes inner equipment."""
     compound: Compound
     path: str
     slots: list[int]
@@ -69,14 +69,15 @@ class Equipment:
     in_manual_only: bool
     """True if the equipment contains its failures in manual mode only."""
     inhibition: Inhibition | None
-    """The inhibition that keeps its actuators at their defaults during a fault; None if it has none."""
+    """The inhibition that keeps the actuators at their defaults during a fault; None if the equipment has no
+    actuators."""
     referenced: frozenset[int]
     """The sensors whose reference is lost when they are initialised."""
     nodes: tuple[int, ...]
     """The ids of the equipment's compound and of all objects below it."""
     in_fault: bool = False
     reason: Callable[[], str] = str
-    """The reason of its fault, put into words when it is asked for; "" if it is not in fault."""
+    """The reason of the fault. Its text is made when it is read. "" if the equipment is not in fault."""
 
     def describe(self) -> dict[str, Any]:
         """Return the equipment as plain data."""
@@ -84,35 +85,36 @@ class Equipment:
 
     @property
     def fault(self) -> str | None:
-        """Return the reason of its fault, or None."""
+        """The reason of the equipment's fault, or None."""
         return self.reason() if self.in_fault else None
 
     def enter(self, reason: str | Callable[[], str]) -> None:
-        """Called when the equipment enters a fault."""
+        """Note that the equipment enters a fault."""
         self.in_fault, self.reason = True, Reason(reason)
 
     def clear(self) -> None:
-        """Called when the fault of the equipment is cleared."""
+        """Note that the fault of the equipment is cleared."""
         self.in_fault, self.reason = False, str
 
     def error(self) -> EquipmentFault:
-        """Return a new error at each call, because an error that is raised again keeps the frames of each time."""
+        """Return the error of the fault. Each call returns a new error, because an error that is raised again keeps the
+        frames of each raise."""
         return EquipmentFault(self.path, self.reason)
 
     def error_of_this_fault(self) -> Callable[[], EquipmentFault]:
-        """Return a function that gives the error of the present fault, even after it is cleared."""
+        """Return a function that returns the error of the present fault, even after the fault is cleared."""
         return partial(EquipmentFault, self.path, self.reason)
 
 
 def equipment_in(root: Compound) -> list[Compound]:
-    """The compounds below the root that are declared equipment, the outer before the inner."""
+    """Return the compounds below the root that are declared equipment, the outer before the inner."""
     compounds = (node for node in walk(root) if isinstance(node, Compound))
     return [each for each in compounds if each._settings.equipment]
 
 
 class Containment:
-    """The equipment of one connected machine: puts it into fault, and clears it. `is_manual` returns the mode;
-    `changed` is called when equipment enters a fault or is cleared."""
+    """The equipment of one connected machine. This object puts equipment into fault and clears it. `is_manual` returns
+    the mode; `changed` is called when equipment enters a fault or is cleared."""
 
     def __init__(
         self,
@@ -131,7 +133,7 @@ class Containment:
         """The results of `around`."""
         self._gathering = False
         self._held: list[Equipment] = []
-        """Equipment that has entered a fault since `gather` and was not settled yet."""
+        """The equipment that has entered a fault since `gather` and was not settled yet."""
         self._items: dict[str, Atomic] = {item.path: item for item in image.items} if self.all else {}
         """The objects by path."""
         claims.know([each.inhibition for each in self.all if each.inhibition is not None])
@@ -178,7 +180,7 @@ class Containment:
         return None
 
     def around(self, node: Node | None) -> tuple[Equipment, ...]:
-        """The equipment around an object, the innermost first."""
+        """Return the equipment around an object, the innermost first."""
         if node is None:
             return ()
         found = self._around.get(node)
@@ -227,7 +229,7 @@ class Containment:
             self._settle_held()
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
-        """Handle the failure of a started sequence: the sequence that awaits it gets the error. If no sequence of the
+        """Handle the failure of a started sequence. A sequence that awaits it gets the error. If no sequence of the
         same equipment awaits it, put the equipment into fault. Return False if no equipment contains it."""
         if is_interrupt(error):
             return False
@@ -244,9 +246,9 @@ class Containment:
         return True
 
     def enter(self, reasons: Mapping[Equipment, str | Callable[[], str]]) -> None:
-        """Put equipment into fault, unless it already is: from now on its actuators cannot be written, and nothing is
-        started in it. Its actuators are brought to their defaults and its sequences and motions are ended at once, or,
-        after `gather`, together with the others."""
+        """Put equipment into fault, unless it already is in fault: from now on its actuators cannot be written, and
+        nothing is started in it. Its actuators are brought to their defaults and its sequences and motions are ended.
+        This is done immediately or, after `gather`, together with other equipment."""
         for equipment in sorted(reasons, key=attrgetter("number")):  # the outer before the inner
             if not self.is_in_fault(equipment.compound):
                 self._hold(equipment, reasons[equipment])
@@ -262,12 +264,12 @@ class Containment:
         self._held.append(equipment)
 
     def gather(self) -> None:
-        """Collect the equipment that enters a fault from now on, and reset all its actuators together, so that a common
-        cause does not cost more."""
+        """Collect the equipment that enters a fault from now on, so that all its actuators are reset together and a
+        common cause does not take more time."""
         self._gathering = True
 
     def settle(self) -> None:
-        """Bring everything gathered to its defaults and end its sequences."""
+        """Bring the actuators of the collected equipment to their defaults, and end its sequences."""
         self._gathering = False
         if self._held:
             self._settle_held()
@@ -286,15 +288,15 @@ class Containment:
             self._changed(new)
 
     def is_in_fault(self, node: Node | None) -> bool:
-        """True if equipment around an object is in fault."""
+        """Return True if equipment around an object is in fault."""
         return self._in_fault_around(node) is not None
 
     # And back ------------------------------------------------------------------------------------------
 
     def clear(self, part: Node) -> list[str]:
-        """End the faults of the equipment in a part of the machine and around it, and return their paths.
-        EquipmentFault if one of their sensors cannot be read; then none is cleared. Raises DriverError if an object
-        cannot be initialised; then its equipment, and the equipment in it, stays in fault."""
+        """End the faults of the equipment in a part of the machine and around it, and return their paths. Raises
+        EquipmentFault if one of their sensors cannot be read; then no fault is cleared. Raises DriverError if an object
+        cannot be initialised; then the equipment of the object, and the equipment within it, stays in fault."""
         self._settle_held()
         found = [each for each in self.all if each.in_fault and _concern(each.compound, part)]
         self._read_slow([slot for equipment in found for slot in equipment.slots])

@@ -1,5 +1,6 @@
 """Events: actions of guards, clients and the machine itself, in their order. Within a period they are noted as data.
-They are formatted, logged and shown to others when the outputs of the period have been sent (docs/decisions/0060).
+They are formatted, logged and shown to other processes when the outputs of the period have been sent
+(docs/decisions/0060).
 """
 
 from __future__ import annotations
@@ -15,33 +16,34 @@ from umo.text import NamedNumber, some
 
 log = logging.getLogger("umo")
 KEPT_EVENTS = 1000
-"""Number of the last events that are kept."""
+"""The number of the most recent events that are kept."""
 LIMIT_COUNT, LIMIT_TIME = 3, 60.0
 """Largest number of absences of one driver that are recorded within this time in s, including their ends."""
 EVENTS_PER_PERIOD = 20
-"""Largest number of events and lines of the log in a period, not counting answers to clients: the others follow in the
-next periods."""
+"""The largest number of events and lines of the log in a period, not counting answers to clients. Further events follow
+in the next periods."""
 MOST_WAITING = 1000
-"""Largest number of events that may wait for a later period, besides faults and ends of holds, which all wait. If there
-are more, the oldest are left out, and an event has their number."""
+"""The largest number of events that may wait for a later period. Faults and ends of holds are not counted and always
+wait. If there are more events, the oldest are left out, and an event reports their number."""
 EVENT_TEXT_BYTES = 448
-"""Length of an event's text that other processes see, in bytes of UTF-8."""
+"""The length of an event's text that other processes see, in bytes of UTF-8."""
 END = "end"
-"""`Event.asked` of the last event of a run. Its state is DONE (the application has ended), CANCELLED (the run was
-stopped) or FAILED; it has no number of a command."""
+"""`Event.asked` of the last event of a run. The state of this event is DONE (the application has ended), CANCELLED (the
+run was stopped) or FAILED. It has no number of a command."""
 
 
 LET_GO = "let go"
-"""`Event.asked` for the end of a hold of a client. If several end for one reason, such as the end of the lease, one
+"""`Event.asked` for the end of a client's hold. If several holds end for one reason, such as the end of the lease, one
 event without a number of a command covers all."""
 FAULT = "fault"
 """`Event.asked` of the event that the equipment at its path has entered a fault."""
 FAULT_PREFIX = "in fault: "
-"""Beginning of the text of this event; the reason follows."""
+"""The beginning of the text of a FAULT event; the reason follows."""
 FAULT_CLEARED = "fault cleared"
 """Text of the event that the fault of the equipment at its path has ended."""
 MISTAKE = "mistake"
-"""`Event.asked` for a mistake in the program, at the object concerned: it is recorded once, and the run continues."""
+"""`Event.asked` for an error in the program, at the object concerned. The error is recorded once, and the run
+continues."""
 ALARM = "alarm"
 """`Event.asked` of a change of the alarm at its path; the text begins with its new state (`umo.operation.alarms`)."""
 
@@ -52,27 +54,27 @@ class CommandState(NamedNumber):
     NONE = 0
     """The event does not belong to a command."""
     BEGUN = 1
-    """An action, or a change to automatic mode, has begun; its end has another event. Further events with this state
-    have the progress of an action."""
+    """An action, or a change to automatic mode, has begun; another event reports its end. Further events with this
+    state report the progress of an action."""
     DONE = 2
     REFUSED = 3
-    """The command is not allowed, or not valid: nothing was changed."""
+    """The command is not allowed or not valid. Nothing was changed."""
     FAILED = 4
     """The command was carried out, and failed."""
     CANCELLED = 5
 
 
 class EventLimit:
-    """Limits the events of one source: `LIMIT_COUNT` within `LIMIT_TIME`. So a source that changes rapidly does not
-    displace all other events."""
+    """The limit of the events of one source, `LIMIT_COUNT` within `LIMIT_TIME`, so that a source that changes rapidly
+    does not displace all other events."""
 
     def __init__(self) -> None:
         self._times: deque[float] = deque(maxlen=LIMIT_COUNT)
         self._left_out = 0
 
     def admit(self, now: float) -> int | None:
-        """Return the number of events that were left out before this one, at a time in s; None if this one is left out,
-        too."""
+        """Return the number of events that were left out before the present event, which happens at a time in s. Return
+        None if the present event is left out, too."""
         if len(self._times) == LIMIT_COUNT and now - self._times[0] < LIMIT_TIME:
             self._left_out += 1
             return None
@@ -82,12 +84,13 @@ class EventLimit:
 
 
 def limited(time: float, path: str, text: str, left_out: int) -> Event:
-    """An event that an `EventLimit` has admitted, with the number of those that it has left out before."""
+    """Return an event that an `EventLimit` has admitted, with the number of events that the limit has left out
+    before."""
     return Event(time, path, f"{text} ({left_out} such events before were left out)" if left_out else text)
 
 
 class Event(NamedTuple):
-    """Something happened: when (s on the cycle's clock), to which object, what."""
+    """Something that has happened: its time (in s on the cycle's clock), the path of the object, and a text."""
 
     time: float
     path: str
@@ -120,27 +123,27 @@ class Note(NamedTuple):
 
 
 class Events(Sequence[Event]):
-    """The last events. Readers in this process also find those that were only noted so far; `tell` logs them and shows
-    them to other processes later."""
+    """The last events. Readers in this process also find events that were only noted so far; `tell` logs these and
+    shows them to other processes later."""
 
     def __init__(self) -> None:
         self._kept: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self.untold = False
-        """True if there are notes that must become events; checked when the outputs of a period were sent."""
+        """True if there are notes that must become events. It is checked when the outputs of a period were sent."""
         self._noted: deque[Note] = deque()
-        """Since the last period."""
+        """The notes since the last period."""
         self._waiting: deque[Note] = deque()
-        """From the periods before."""
+        """The notes of earlier periods."""
         self._spare = 0
-        """Number of those that are waiting, and may be left out."""
+        """The number of waiting notes that may be left out."""
         self._lines: deque[str] = deque()
-        """Lines for the log whose text is made already."""
+        """The lines for the log that are already formatted."""
         self.told = 0
-        """Number of events as text so far."""
+        """The number of events that were formatted so far."""
 
     def add(self, event: Event | Callable[[], Event], *, logged: bool = False, needed: bool = False) -> None:
         """Note an event, or a function that makes it later. `logged`: also write it to the log, as a warning. `needed`:
-        never leave it out, like the answers to clients."""
+        the event is never left out, like the answers to clients."""
         self.untold = True
         is_answer = isinstance(event, Event) and event.command > 0
         self._noted.append(Note(event, logged, is_answer, needed))
@@ -151,8 +154,8 @@ class Events(Sequence[Event]):
         self._noted.append(Note(line, True, False, False))
 
     def tell(self) -> None:
-        """Format and log the noted events after the outputs of a period were sent: the answers to clients and the first
-        of the others."""
+        """Format and log the noted events after the outputs of a period were sent: all answers to clients, and the
+        first of the other events."""
         room = EVENTS_PER_PERIOD
         while self._waiting and room:
             self._take_waiting()
@@ -172,7 +175,7 @@ class Events(Sequence[Event]):
         self._log()
 
     def tell_all(self) -> None:
-        """Make events of all notes, because no period follows."""
+        """Format all notes as events, because no period follows."""
         self._take_all()
         self._log()
 
@@ -221,7 +224,7 @@ class Events(Sequence[Event]):
         return self.told
 
     def recent(self, count: int) -> list[Event]:
-        """The last events, at most this number."""
+        """Return the last events, but no more than this number."""
         kept = self._kept
         return [kept[place] for place in range(-min(count, len(kept)), 0)]
 
@@ -243,10 +246,10 @@ class Events(Sequence[Event]):
 
 
 class Paths(Sequence[str]):
-    """The paths of objects, each made when it is read."""
+    """The paths of objects. Each path is made when it is read."""
 
     def __init__(self, items: Sequence[Node], places: Sequence[int]) -> None:
-        """`places`: the indices of these objects among the items."""
+        """`places`: the indices of the objects among the items."""
         self._items, self._places = items, places
 
     def __len__(self) -> int:
@@ -284,8 +287,9 @@ def _with_outer(node: Node | None) -> list[Node]:
 
 
 def of_several(time: float, paths: Paths, alone: str, together: str) -> Event:
-    """Return one event for one cause, for any number of objects: for one object at its path, with the text `alone`; for
-    several at the path of the nearest compound around them, with the text `together` and their paths."""
+    """Return one event for one cause that concerns any number of objects. For one object, the event is at its path and
+    has the text `alone`. For several, the event is at the path of the nearest compound around them and has the text
+    `together` and their paths."""
     if len(paths) == 1:
         return Event(time, paths[0], alone)
     return Event(time, paths.around, f"{together}: {some(paths)}")

@@ -1,4 +1,4 @@
-"""The faults of equipment in one run, and the mistakes of its program, taken from its events."""
+"""The faults of equipment in one run, and the errors in its program, taken from the events of the run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from umo.cycle.events import FAULT, FAULT_CLEARED, FAULT_PREFIX, MISTAKE, Event,
 from umo.objects.presentation.run_facts import clock_text
 
 KEPT_FAULTS = 1000
-"""Number of the last faults that are kept; all are counted."""
+"""The number of the most recent faults that are kept. All faults are counted."""
 KEPT_MISTAKES = 100
 """Number of the first mistakes that are kept."""
 
@@ -20,10 +20,10 @@ class EquipmentFaultRecord:
 
     path: str
     time: float
-    """Time in s on the cycle's clock at which the equipment came into fault."""
+    """The time in s on the cycle's clock at which the equipment entered the fault."""
     reason: str
     cleared: float | None = None
-    """Time in s at which the fault was cleared, or None if it was not."""
+    """Time in s at which the fault was cleared, or None if it was not cleared."""
 
     def __str__(self) -> str:
         if self.cleared is None:
@@ -33,27 +33,27 @@ class EquipmentFaultRecord:
 
 @dataclass
 class MistakeRecord:
-    """One mistake of the program, recorded once."""
+    """One error in the program, recorded once."""
 
     path: str
-    """The object that the mistake concerns."""
+    """The object that the error concerns."""
     time: float
     """Time in s on the cycle's clock at which the mistake was seen."""
     text: str
 
 
 class FaultLog:
-    """Counts the faults, and keeps the last faults and the first mistakes."""
+    """A log that counts the faults, and keeps the last faults and the first errors of the program."""
 
     def __init__(self) -> None:
         self.number = 0
         """Total number of faults."""
         self.last: deque[EquipmentFaultRecord] = deque(maxlen=KEPT_FAULTS)
         self.standing: dict[str, EquipmentFaultRecord] = {}
-        """Faults that were not cleared, by the path of the equipment."""
+        """The faults that were not cleared, by the path of the equipment."""
         self.mistakes: list[MistakeRecord] = []
         self.next = 0
-        """Number of the next event of the run that is to be added."""
+        """The number of the event that is added next."""
 
     def add(self, event: Event) -> None:
         """Add the next event; other events are ignored."""
@@ -70,7 +70,7 @@ class FaultLog:
             self.mistakes.append(MistakeRecord(event.path, event.time, event.text))
 
     def add_new(self, events: Events) -> None:
-        """Add the new events of a machine in this process, as far as they are kept."""
+        """Add the new events of a machine in this process that are still kept."""
         if events.told == self.next and not events.untold:
             return
         if new := events.number - self.next:

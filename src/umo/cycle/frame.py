@@ -15,7 +15,7 @@ from umo.user_code import read_numbers
 
 
 class Signal(NamedTuple):
-    """A number that is shown beside the objects."""
+    """A number that is shown together with the objects."""
 
     path: str
     """Path of the signal, such as `z.servo.error`."""
@@ -23,7 +23,7 @@ class Signal(NamedTuple):
     owner: Any
     name: str
     states: Mapping[int, str] = MappingProxyType({})
-    """Names of its values by number, or empty if it is a plain number."""
+    """The names of the values by number; empty for a plain number."""
 
 
 class _Numbered:
@@ -39,7 +39,7 @@ class _Numbered:
 
 
 def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
-    """The numbers of a machine that are shown or kept."""
+    """Return the numbers of a machine that are shown or kept."""
     shown = (each for each in numbers.values() if each.declared.shown or each.declared.kept)
     return tuple(_signal(each) for each in shown)
 
@@ -68,7 +68,7 @@ class Frame:
         self.alarms: Any = image.columns.alarms
         """The number of the `AlarmState` of each alarm, in the order of frames."""
         self.signals = signals
-        """Numbers of the control code that are shown beside the objects."""
+        """The numbers of the control code that are shown together with the objects."""
         self._signal_values: list[float] | None = None
         self.number = 0
         """Number of ticks since connecting."""
@@ -85,7 +85,7 @@ class Frame:
 
     @property
     def signal_values(self) -> list[float]:
-        """The value of each signal. They are read for the first observer that asks."""
+        """The value of each signal. The values are read when the first observer requests them."""
         if self._signal_values is None:
             self._signal_values = read_numbers(self.signals)
         return self._signal_values

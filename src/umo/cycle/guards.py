@@ -24,20 +24,20 @@ class Guards:
         self._claims, self._image = claims, image
         self._expiring = [command for command in claims.by_slot.values() if command.expires < inf]
         self._inhibiting: list[tuple[Inhibition, str]] = []
-        """The interlocks that inhibit actuators, with their reasons, as last evaluated."""
+        """The interlocks that inhibited actuators at the last evaluation, with their reasons."""
         self._untold: dict[tuple[int, Inhibition], None] = {}
-        """The slots and interlocks that have begun to inhibit them during a fault of their equipment."""
+        """The slots that an interlock has begun to inhibit during a fault of their equipment, with these interlocks."""
 
     @property
     def any(self) -> bool:
-        """True if there are guards, or asynchronous actuators, which may owe their defaults."""
+        """True if there are guards, or asynchronous actuators whose defaults may still have to be sent."""
         items = self._image.items
         return bool(self._claims.by_slot) or any(
             item.direction is Direction.OUTPUT and not item.synchronous for item in items
         )
 
     def evaluate(self) -> None:
-        """After `sample`: evaluate interlocks and expiries, and reset the actuators concerned in stop order. Raises
+        """Evaluate interlocks and expiries after `sample`, and reset the actuators concerned in stop order. Raises
         DriverError if a device did not accept its default; the reset is retried in every period."""
         if not (self._claims.by_slot or self._image.owed):
             return
@@ -100,7 +100,7 @@ class Guards:
         return found
 
     def expire(self) -> None:
-        """Replace expired commands by the defaults, before outputs are sent that have waited for the tick."""
+        """Replace expired commands by the defaults, before the outputs that have waited for the tick are sent."""
         self._expired({command.slot for command in self._expiring if not command.synchronous})
 
     def free(self, faults: Sequence[Inhibition]) -> None:

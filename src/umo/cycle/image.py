@@ -1,9 +1,10 @@
-"""The process image: the slots of a connected machine, with the operations on sensors (`readings.py`) and actuators
-(`deliveries.py`), and their way to and from drivers.
+"""The process image: the slots of a connected machine, the operations on sensors (`readings.py`) and actuators
+(`deliveries.py`), and the transfers between slots and drivers.
 
-Slots stand in blocks, one for each driver and direction, so that a period is one transfer per block, converted before
-or after it (`conversion.py`). All transfers go through the transfer stage. Control code writes directly into the image
-(`writes.py`), unless the column `restrictions`, which the claims set, requires the command stage.
+Slots are grouped in blocks, one for each driver and direction. A period makes one transfer per block, and converts its
+values before or after the transfer (`conversion.py`). All transfers go through the transfer stage. Control code writes
+directly into the image (`writes.py`), unless the column `restrictions`, which the claims set, requires the command
+stage.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from umo.wiring.wired import Wired
 NO_SLOTS: Set[int] = frozenset()
 """No slots."""
 NO_TICK = -1.0
-"""Result of reading the timer when a stop has ended the wait."""
+"""The result of reading the timer if a stop has ended the wait."""
 
 
 def raise_others(error: BaseException) -> None:
@@ -46,18 +47,18 @@ class Image(ImageDefaults):
     """The slots of a connected machine, and the operations that transfer them."""
 
     writes: ImageWrites | None
-    """The function that control code writes through, or None if control code stores it directly."""
+    """The function through which control code writes; None if control code stores values directly."""
     write: Callable[[int, float], bool]
     before_tick: Callable[[], object] = staticmethod(bool)
     """Function that is called before the wait for a tick."""
     fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
-    """Function that is called with the objects that have failed, and with the failed operation. It raises an error,
-    unless the equipment of all these objects contains their failure."""
+    """The function that is called with the objects that have failed, and with the failed operation. The function raises
+    an error, unless equipment contains the failures of all these objects."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
         self.rates = wired.rates
-        """The parts that have rates of their own."""
+        """The parts that do not have the machine's rate."""
 
     def connect(self, claims: Taken, commands: Gate, writes: ImageWrites | None) -> None:
         """Let the objects use this image from now on."""
@@ -71,7 +72,7 @@ class Image(ImageDefaults):
         self.transfer.callees.end_absences()
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call reach a driver any more: in its place `instead` is called, which does not return."""
+        """Replace every call of a driver by `instead`, which does not return."""
         self.segments.on_call = instead
         self.transfer.refuse(instead)
 
@@ -82,7 +83,8 @@ class Image(ImageDefaults):
     # A whole period ------------------------------------------------------------------------------------
 
     def sample(self, blocks: Sequence[Block] | None = None) -> bool:
-        """Read the sensors of these blocks, default: of all, one transfer each. A failure does not stop the others."""
+        """Read the sensors of these blocks (default: of all blocks), with one transfer for each block. A failure does
+        not stop the other transfers."""
         failures: list[Failure] = []
         now = self.clock.now
         for block in self.inputs if blocks is None else blocks:
@@ -98,8 +100,8 @@ class Image(ImageDefaults):
         return self.sampled_good
 
     def sample_rest(self, blocks: Sequence[Block], place: int, error: BaseException | None) -> bool:
-        """Read the rest of the blocks: those before this place were transferred in this period. The transfer at this
-        place has raised the error, or, without an error, was not made yet."""
+        """Read the blocks from this index on; the blocks before it were already transferred in this period. The
+        transfer at the index has raised the error or, if there is no error, was not made yet."""
         failures: list[Failure] = []
         for block in blocks[:place]:
             self._take(block, self.clock.now, failures)
@@ -141,13 +143,14 @@ class Image(ImageDefaults):
         return good
 
     def update(self, blocks: Sequence[Block] | None = None, dt: float | None = None) -> bool:
-        """Send the actuators of these blocks, default: of all, written or not since the last period; one transfer each.
-        `dt`: the time in s that a slew rate counts; 0 means from the last step. Default: since the last period."""
+        """Send the actuators of these blocks (default: of all blocks), with one transfer for each block, whether or not
+        they were written since the last period. `dt`: the time in s to which a slew rate applies; 0 means the time
+        since the last step. Default: the time since the last period."""
         return self._send_each(self.outputs if blocks is None else blocks, self.clock.dt if dt is None else dt, [])
 
     def update_rest(self, blocks: Sequence[Block], place: int, error: BaseException | None) -> bool:
-        """Send the rest of the blocks: those before this place were sent in this period. The transfer at this place has
-        raised the error, or, without an error, was not made yet."""
+        """Send the blocks from this index on; the blocks before it were already sent in this period. The transfer at
+        the index has raised the error or, if there is no error, was not made yet."""
         failures: list[Failure] = []
         if error is not None:
             raise_others(error)
@@ -198,8 +201,8 @@ class Image(ImageDefaults):
     # Some objects --------------------------------------------------------------------------------------
 
     def read_now(self, slot: int) -> float:
-        """Read an asynchronous sensor from the hardware, now. Reading the timer advances the clock; `NO_TICK` if a stop
-        has ended the wait for its tick."""
+        """Read an asynchronous sensor from the hardware now. Reading the timer advances the clock. Return `NO_TICK` if
+        a stop has ended the wait for the tick."""
         failures: list[Failure] = []
         if slot == self.timer:
             self.before_tick()
@@ -227,7 +230,7 @@ class Image(ImageDefaults):
         return value
 
     def ticked(self, raw: int) -> None:
-        """Note a reading of the timer that was made elsewhere."""
+        """Note a reading of the timer that other code has made."""
         failures: list[Failure] = []
         self.raws[self.timer] = raw
         self._take_tick(raw, failures)
@@ -297,13 +300,14 @@ class Image(ImageDefaults):
         return True
 
     def go_on(self, slot: int, value: float) -> bool:
-        """Write a value again that work had left, so that it is sent in this period. Return True if it was accepted."""
+        """Write a value again that suspended work had written, so that the value is sent in this period. Return True if
+        it was accepted."""
         taken = self.command(slot, value)
         self.does_not_wait(slot)
         return taken
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
-        """Write many actuators at once; their ranges were checked. `each` lists the same slots, which are all
+        """Write many actuators in one call; the ranges were already checked. `each` lists the same slots, which are all
         synchronous or all asynchronous. Return whether all were accepted, and, if asynchronous, sent. An inhibited
         actuator is not changed."""
         if self.writes is None:
@@ -351,7 +355,7 @@ class Image(ImageDefaults):
         send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, 0.0)
 
     def give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
-        """Encode the outputs of a block individually. Return the slots that failed, which keep their last sent
+        """Encode the outputs of a block individually. Return the slots that failed; they keep their last sent
         values."""
         failed = set()
         for slot in slots:

@@ -19,14 +19,14 @@ MAX_RESULT_TEXT = 100
 
 @dataclass(eq=False)
 class Inhibition:
-    """One interlock, or the fault of one equipment, with its actuators, and True in each period in which it inhibits
-    them."""
+    """One interlock, or the fault of one equipment, with its actuators. It is true in each period in which it inhibits
+    the actuators."""
 
     interlock: Interlock
     slots: list[int]
     """The actuators that the interlock inhibits, in stop order."""
     reason: str | None = None
-    """The reason while it inhibits, or None if it does not."""
+    """The reason; None while the actuators are not inhibited."""
     held: bool = False
     """The last result of the condition."""
     condition: Callable[[], Any] = field(init=False)
@@ -40,8 +40,8 @@ class Inhibition:
         self._unevaluated = unevaluated(self.interlock)
 
     def ask(self, latch: bool) -> bool:
-        """Evaluate the condition. True if it starts to inhibit now. `latch`: whether a latched interlock stays latched
-        from now on."""
+        """Evaluate the condition. Return True if the interlock now starts to inhibit. `latch`: whether a latched
+        interlock stays latched from now on."""
         before, found = self.reason, None
         try:
             holds = self.condition()  # not by `attempt`: there may be a thousand
@@ -58,20 +58,20 @@ class Inhibition:
 
     @property
     def reason_key(self) -> str:
-        """The reason, without the error text if a condition cannot be evaluated, so that each interlock has only a few
-        different ones."""
+        """The reason, without the error text if a condition cannot be evaluated. Each interlock therefore has only a
+        few different keys."""
         return self.reason if self.reason in self._known else self._unevaluated
 
     @property
     def cause(self) -> str:
-        """Return why its condition cannot be evaluated; empty if it can."""
+        """The reason why the condition cannot be evaluated; empty if it can be evaluated."""
         if self.reason is None or self.reason == self.interlock.reason:
             return ""
         start = f"{self._unevaluated}: "
         return self.reason.removeprefix(start) if self.reason.startswith(start) else ""
 
     def acknowledge(self) -> None:
-        """Free its actuators, unless its condition is still true."""
+        """Free the actuators, unless the condition is still true."""
         if not self.held:
             self.reason, self._latched = None, False
 
@@ -96,12 +96,12 @@ def _reason(interlock: Interlock, holds: Any) -> str | None:
 
 
 def latched(interlock: Interlock) -> str:
-    """The reason of a latched interlock whose condition is false again."""
+    """Return the reason of a latched interlock whose condition is false again."""
     return f"{interlock.reason} (latched: to be acknowledged)"
 
 
 def unevaluated(interlock: Interlock) -> str:
-    """The reason of an interlock whose condition cannot be evaluated."""
+    """Return the reason of an interlock whose condition cannot be evaluated."""
     return f"the condition {interlock.reason!r} cannot be evaluated"
 
 
@@ -110,8 +110,8 @@ def _cannot(interlock: Interlock, cause: str) -> str:
 
 
 def interlocks_of(root: Compound) -> list[Interlock]:
-    """Return every interlock of a machine, as declared. Raises DeclarationError for any other object, and for one that
-    forbids objects of another machine."""
+    """Return every interlock of a machine, as declared. Raises DeclarationError for an object that is not an interlock,
+    and for an interlock that forbids objects of another machine."""
     return [interlock for _, interlock in owned_interlocks(root)]
 
 

@@ -1,17 +1,17 @@
-"""The second signal that requests a stop, and each further one, ends code that does not end by itself. A signal may
-come at any moment. The frames of the main thread show what it interrupts:
+"""The second signal that requests a stop, and each further signal, ends code that does not end by itself. A signal may
+come at any time. The frames of the main thread show what it interrupts:
 
-- The user's code (control, a sequence, a condition, an observer, `setup`, a loop of a program) is interrupted at once:
-  `Interrupted` is raised in it. The outputs are reset on the way out, as after any error.
-- Code of umo's own, or a call of a driver, within the user's code is left alone; the user's code is interrupted as
-  soon as it returns there.
-- A call of a driver, a reset among them, is interrupted only when it hangs, that is, if the same call is in progress
-  when a signal comes `limit` s after an earlier one. It counts as failed.
-- All other code is umo's own and ends by itself.
+- The user's code (control, a sequence, a condition, an observer, `setup`, a loop of a program) is interrupted
+  immediately: `Interrupted` is raised in it. The outputs are then reset, as after any error.
+- Code of umo, or a call of a driver, that the user's code has called is not interrupted. The user's code is interrupted
+  as soon as this call returns to it.
+- A call of a driver, including a reset, is interrupted only when it hangs, that is, if the same call is still in
+  progress when a signal comes `limit` s after an earlier signal. The call counts as failed.
+- All other code belongs to umo and ends by itself.
 
-Code that catches `Interrupted` and continues is interrupted again by each signal. After `MAX_RAISED` of them the
-outputs are reset in the middle of that code, and the process ends. Further signals interrupt only a hanging call of
-that reset.
+Code that catches `Interrupted` and continues is interrupted again by each signal. After `MAX_RAISED` interruptions the
+outputs are reset in the middle of this code, and the process ends. Further signals interrupt only a hanging call of
+this reset.
 """
 
 from __future__ import annotations
@@ -43,10 +43,11 @@ MAX_RAISED = 2
 STOPPING, HANDLER = f"{UMO}cycle{os.sep}stopping.py", "_caught"
 """File and name of the handler of signals."""
 LOOPS = ("cycle/run.py", "cycle/connect.py", "objects/presentation/", "plant/twin/")
-"""Files of umo whose functions end by themselves, some of them after a stop was requested; code around them is not
-interrupted."""
+"""The files of umo whose functions end by themselves, some of them after a stop was requested. Code that calls these
+functions is not interrupted."""
 ROOMS = ("control", "cycle", "drivers", "objects", "operation", "plant", "testing", "user_code.py", "wiring")
-"""The rooms of umo that the user's code calls while a machine is connected. Code of the other rooms ends by itself."""
+"""The packages of umo that the user's code calls while a machine is connected. Code of the other packages ends by
+itself."""
 DRIVERS = ("drivers/", "plant/", "testing/virtual.py", "testing/scripted.py")
 """Files of umo's drivers."""
 CALLERS = tuple(
@@ -63,7 +64,7 @@ class Side(Enum):
 
     USER = auto()
     LIBRARY = auto()
-    """Python's own code, or a package that does not use machines: it works for its caller."""
+    """The code belongs to Python, or to a package that does not use machines. It counts as part of its caller."""
     UMO = auto()
     DRIVER = auto()
     """Code of umo's drivers."""
@@ -75,7 +76,7 @@ class Side(Enum):
 
 @lru_cache(maxsize=4096)
 def side_of(file: str) -> Side:
-    """The side of a file of code."""
+    """Return the side of a file of code."""
     if file.startswith(COMMAND):
         return Side.LOOP
     if file.startswith(UMO) and not file.startswith(STATIONS):
@@ -105,9 +106,9 @@ class MainThreadPlace(NamedTuple):
     code: FrameType | None
     """Frame of the user's code that may be interrupted, or None if there is none."""
     at_once: bool
-    """True if no function of umo is in progress within the call."""
+    """True if the user's code has not called a function of umo that is still in progress."""
     call: FrameType | None
-    """The outermost frame of the call of a driver that is in progress, or None if none is."""
+    """The outermost frame of the call of a driver that is in progress, or None if there is no such call."""
 
 
 def standing_of(frame: FrameType | None, is_leaving: bool = False) -> MainThreadPlace:
@@ -155,7 +156,7 @@ def _users(frames: Iterable[FrameType]) -> FrameType | None:
 
 
 def place_within(frame: FrameType | None, until: FrameType | None) -> str:
-    """Return the place in the user's code between a frame and one around it, such as `control.py:41 in control`; "" if
+    """Return the place in the user's code between a frame and an outer frame, such as `control.py:41 in control`; "" if
     there is none."""
     found = []
     while frame is not None:
@@ -165,8 +166,8 @@ def place_within(frame: FrameType | None, until: FrameType | None) -> str:
 
 
 def call_limit(timeouts: Sequence[float]) -> float:
-    """Time in s after which a call of a driver counts as hanging. `timeouts`: timeouts in s of the drivers that have
-    devices."""
+    """Return the time in s after which a call of a driver counts as hanging. `timeouts`: timeouts in s of the drivers
+    that have devices."""
     return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
 
 
@@ -188,28 +189,30 @@ def asked_by_signals(ask: Callable[[], object]) -> Iterator[None]:
 
 
 class SignalledMachine(NamedTuple):
-    """A machine that is connected, as far as a signal concerns it."""
+    """The data about a connected machine that the handling of a signal needs."""
 
     limit: float
     """Time in s after which a call of one of its drivers counts as hanging."""
     leave: Callable[[], Sequence[str]]
-    """Function that brings its outputs to their defaults at once, and returns the paths of those not reached."""
+    """The function that brings the outputs of the machine to their defaults immediately, and returns the paths of
+    outputs that were not reached."""
 
 
 class StopSignals:
-    """The signals from the one that has asked the machines of this process to stop, to their end."""
+    """The signals from the first one, which has requested the machines of this process to stop, until they have
+    stopped."""
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
         self._call: FrameType | None = None
-        """The call of a driver that was active at an earlier signal, and since when this is known."""
+        """The call of a driver that was active at an earlier signal, and the time of this signal."""
         self._since = 0.0
         self._raised = 0
         self._is_leaving = False
 
     def begin(self, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
-        """Handle the first signal. Print immediately what the stop waits for. `machines`: the machines that further
-        signals end; none if a guardian does that."""
+        """Handle the first signal. Print immediately what the stop waits for. `machines`: the machines whose code
+        further signals end; empty if a guardian does this."""
         standing = standing_of(frame)
         self._find_call(standing)
         if not machines:
@@ -299,9 +302,9 @@ def _leave_and_exit(number: int, what: str, machines: Sequence[SignalledMachine]
 
 
 def tell_in_a_line() -> None:
-    """From now on a program that is ended by `Interrupted` prints one line instead of a traceback, and ends with the
-    status of its signal. It also prints a line if `Interrupted` has ended a `__del__`, from which no exception can be
-    raised."""
+    """Change the end of a program that `Interrupted` ends: it prints one line instead of a traceback, and its exit
+    status is that of the signal. It also prints a line if `Interrupted` has ended a `__del__`, from which no exception
+    can be raised."""
     former = sys.excepthook
     if getattr(former, "tells_interrupted", False):
         return

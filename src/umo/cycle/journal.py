@@ -1,9 +1,9 @@
 """The journal of a period: transfers of single objects, in order, for an exact replay.
 
-The transfers of the whole machine are not in it: the raw integers of a frame show what they moved, and the journal has
-the number of its entries before them. An entry keeps the raw integer that its object had before, so that a reader can
-compute from a frame's raw integers, backwards over the entries, what the transfers moved. A failure always has an
-entry.
+The journal does not contain the transfers of the whole machine, because the raw integers of a frame show their values;
+it has the number of entries that precede these transfers. An entry keeps the raw integer that its object had before. So
+a reader can compute the values of all transfers from the raw integers of a frame, backwards over the entries. A failure
+always has an entry.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ ENTRY = struct.Struct("<IHHqqd")
 ENTRIES = np.dtype(
     [("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8"), ("time", "<f8")]
 )
-"""An entry as a numpy type, for many entries at once."""
+"""An entry as a numpy type, for arrays of entries."""
 FEW = 16
-"""Number of entries below which handling them one by one is quicker."""
+"""The number of entries below which it is quicker to handle them one by one."""
 CAPACITY = 4096
 """Number of entries of one period that are kept, in addition to one for each object, because all objects may fail in
 one period."""
 OF_BLOCK = -inf
-"""Stands for a time: the object has failed in the transfer of its block, not in one of its own."""
+"""The value in place of a time if the object has failed in the transfer of its block, not in a separate transfer."""
 NO_TRANSFER = -1
-"""Stands for a count: the transfer of the whole machine did not take place in this period."""
+"""The value in place of a count if the transfer of the whole machine did not take place in this period."""
 
 
 class Kind(IntEnum):
@@ -52,13 +52,13 @@ class Kind(IntEnum):
     """A worker process has delivered the value that its device accepted for an actuator; `time` is the time of the
     transfer. With an error, the device has not accepted the ordered value."""
     LOOKED = 11
-    """A driver that is away was looked for; the slot is the first of its objects. `raw` is 1 if its device answers, 0
-    if not, -1 if not known yet."""
+    """umo has looked for a driver that is away; the slot is that of the driver's first object. `raw` is 1 if the device
+    answers, 0 if it does not, -1 if this is not known yet."""
     AGAIN = 12
-    """A block is transferred once more in this period; the slot is its first one. The following entries show what it
-    moved."""
+    """A block is transferred once more in this period; the slot is the first slot of the block. The following entries
+    show the values of the transfer."""
     RENEWED = 13
-    """A worker process has initialised its driver's objects again; the slot is the first of them."""
+    """A worker process has initialised the objects of its driver again; the slot is that of the first object."""
 
 
 class ErrorKind(IntEnum):
@@ -79,8 +79,8 @@ class ErrorKind(IntEnum):
 
 
 class Journal:
-    """The first `capacity` entries of a period; further ones are only counted. Reads of the timer are not kept, as
-    `missed` has the same information.
+    """The first `capacity` entries of a period; further entries are only counted. Readings of the timer are not kept,
+    because `missed` has the same information.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -98,10 +98,10 @@ class Journal:
     def add(
         self, slot: int, kind: Kind, raw: int, before: int, error: ErrorKind = ErrorKind.NONE, time: float = nan
     ) -> None:
-        """Add an entry: an object now has the raw integer `raw`, and had another one before, or the same if nothing
-        moved. For a failure `raw` is the value that should have been written, or the last one of a sensor. `time`: the
-        time of a value from a worker process, in s on the cycle's clock; NaN if it has delivered none yet; or
-        `OF_BLOCK`."""
+        """Add an entry: an object now has the raw integer `raw`, and had `before` until now (the same number if nothing
+        was transferred). For a failure `raw` is the value that should have been written, or the last value of a sensor.
+        `time`: the time of a value from a worker process in s on the cycle's clock; NaN if the worker process has
+        delivered no value yet; or `OF_BLOCK`."""
         if self.count == self.capacity:
             self.lost += 1
             return
@@ -136,7 +136,7 @@ class Journal:
         error: ErrorKind = ErrorKind.NONE,
         times: float | FloatArray = nan,
     ) -> None:
-        """Add rows as `add`, for each of these objects."""
+        """Add an entry for each of these objects, like `add`."""
         count = min(len(slots), self.capacity - self.count)
         rows = np.zeros(count, ENTRIES)
         rows["slot"], rows["kind"], rows["error"] = slots[:count], kind, error

@@ -1,4 +1,4 @@
-"""Lays out a machine: makes all parts of its period, before any driver is opened."""
+"""The layout of a machine: all parts of its period are made before any driver is opened."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from umo.wiring.wired import Wired, apply_calibrations, apply_parameters
 def machine_of(
     root: Compound, wired: Wired, stop: StopFlag, states: Mapping[str, Any] = MappingProxyType({})
 ) -> ConnectedMachine:
-    """The machine of a wiring. Its objects must have their calibrations and parameters (`wired_numbers`). `states`: the
-    states of its capabilities at the end of the last run."""
+    """Return the machine of a wiring. Its objects must have their calibrations and parameters (`wired_numbers`).
+    `states`: the states of its capabilities at the end of the last run."""
     clock = WallClock() if wired.period is None else Clock(wired.period)
     declared = declared_capabilities(root)
     rows = len(equipment_in(root)), len(axes_in(root)), sum(each.alarm_rows for each in declared)
@@ -42,8 +42,8 @@ def machine_of(
 
 
 def taken_parts(root: Compound, wired: Wired) -> list[Capability]:
-    """The drivers that carry out parts of a machine by themselves, which are to be attached to it; its objects are not
-    connected. Raises NotTranslated for a part that cannot be translated."""
+    """Return the drivers that carry out parts of a machine by themselves, for attachment to the machine, whose objects
+    are not connected. Raises NotTranslated for a part that cannot be translated."""
     nodes = {node._path: node for node in walk(root)} if wired.controllers else {}
     drivers: list[Any] = []
     for path, name in wired.controllers.items():
@@ -54,7 +54,7 @@ def taken_parts(root: Compound, wired: Wired) -> list[Capability]:
 
 @contextmanager
 def laid_out(root: Compound, wired: Wired) -> Iterator[ConnectedMachine]:
-    """A context in which the objects behave as if they were connected; no device is opened, nothing is read or
+    """Return a context in which the objects behave as if they were connected; no device is opened, nothing is read or
     written."""
     with wired_numbers(root, wired):
         machine = machine_of(root, wired, StopFlag())
@@ -66,7 +66,7 @@ def laid_out(root: Compound, wired: Wired) -> Iterator[ConnectedMachine]:
 
 @contextmanager
 def wired_numbers(root: Compound, wired: Wired) -> Iterator[None]:
-    """A context in which the objects have the calibrations of the wiring, and the machine has its parameters."""
+    """Return a context in which the objects have the calibrations of the wiring, and the machine has its parameters."""
     undo: list[Callable[[], object]] = []
     try:
         undo.append(apply_calibrations(wired.wires))

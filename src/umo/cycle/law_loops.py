@@ -1,6 +1,6 @@
-"""The loops of the laws of a machine, and the experiments of clients on them: actions that appear in no list. They are
-found when they are requested. `zones.3.experiment`: the loop may be named by its law (`heating.3`), its sensor or
-actuator, or the compound that it alone is in.
+"""The loops of the laws of a machine, and the experiments of clients on them: actions that appear in no list. Such an
+action is found when it is requested. In the path of an action, such as `zones.3.experiment`, the loop may be named by
+its law (`heating.3`), its sensor or actuator, or a compound that contains no other loop.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from umo.objects.node import outwards
 from umo.text import did_you_mean, some
 
 NAMES = ("experiment", "law")
-"""The names of these actions."""
+"""The names of the actions on loops."""
 
 
 class FoundLoop(NamedTuple):
@@ -27,17 +27,17 @@ class FoundLoop(NamedTuple):
     path: str
     law: Any
     name: str
-    """Name of the loop among `loops` of the law."""
+    """The name of the loop in `loops` of the law."""
     ends: tuple[Node, ...]
-    """Sensor and actuator of the loop, if the law names them."""
+    """The sensor and the actuator of the loop, if the law names them."""
 
 
 class Loops:
     """The present loops of one machine, by the paths of their compounds. Loops that are made later are found by their
-    own paths, and by the compounds that have them. A client's request starts no search."""
+    paths and by the compounds that have them. A client's request starts no search."""
 
     def __init__(self, root: Compound, laws: Iterable[tuple[Compound, str, Any]]) -> None:
-        """`laws`: those of the machine, each with its compound and its path."""
+        """`laws`: the laws of the machine, each with its compound and its path."""
         self._root = root
         self._objects = {node._path: node for node in walk(root)}
         self._known = [loop for part, path, law in laws for loop in _loops_of(part, path, law)]
@@ -57,7 +57,8 @@ class Loops:
         return [each.path for each in self._known]
 
     def at(self, place: str) -> FoundLoop:
-        """The loop at this path; PathError names the nearest one, or the candidates if several fit."""
+        """Return the loop at this path. Raises PathError with the nearest path or, if several loops fit, with the
+        candidates."""
         if (named := self._named(place)) is not None:
             return named
         known = self.paths
@@ -93,8 +94,8 @@ class Loops:
         return None
 
     def action(self, path: str) -> Action | None:
-        """The action on a loop that has this path; None if the path is not that of such an action. Raises PathError for
-        a path that names no law."""
+        """Return the action on a loop that has this path; None if the path is not the path of such an action. Raises
+        PathError for a path that names no law."""
         place, _, name = path.rpartition(".")
         if name not in NAMES or not place:
             return None
@@ -120,5 +121,5 @@ def _found(part: Compound, path: str, law: Any, name: str, ends: Iterable[Any]) 
 
 
 def loop_at(root: Compound, place: str) -> FoundLoop:
-    """The loop at this path in a machine; PathError as `Loops.at`."""
+    """Return the loop at this path in a machine; raises PathError in the cases of `Loops.at`."""
     return Loops(root, laws_in(root)).at(place)

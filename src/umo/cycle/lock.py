@@ -1,4 +1,4 @@
-"""A lock, by which one sequence at a time uses equipment that several share."""
+"""A lock for equipment that several sequences share, so that one sequence at a time uses it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from umo.errors import TaskFailed
 
 
 class Lock(AsyncBlock):
-    """Equipment that several sequences share, such as a scale, for one of them at a time:
+    """A lock for equipment that several sequences share, such as a scale. One sequence at a time has the lock:
 
         def setup(self) -> None:
             self.scale_lock = Lock()
@@ -19,24 +19,25 @@ class Lock(AsyncBlock):
         async with self.scale_lock:
             await self.weigh(...)
 
-    First come, first served; a paused sequence (`task.paused`, as in a part that is held) is passed over, and keeps its
-    place. The lock is released when the block ends, even by an error or a cancellation; then the first waiting sequence
-    has it at once. A sequence that is cancelled while it waits leaves the queue. TaskFailed, which names the circle, if
-    the sequence can never get it, because its holder waits for this sequence, directly or through other locks and
-    sequences.
+    The sequence that asked first gets the lock first; a paused sequence (`task.paused`, as in a part that is held) is
+    passed over and keeps its position in the queue. The lock is released when the block ends, even by an error or a
+    cancellation; the first waiting sequence then has it immediately. A sequence that is cancelled while it waits leaves
+    the queue. Raises TaskFailed, which names the circle, if the sequence can never get the lock because the holder
+    waits for this sequence, directly or through other locks and sequences.
     """
 
     def __init__(self) -> None:
         self._owner: Task | None = None
-        """The innermost sequence that has it."""
+        """The innermost sequence that has the lock."""
         self._queue: deque[Task] = deque()
-        """The sequences that wait for it, in the order of arrival."""
+        """The sequences that wait for the lock, in the order of arrival."""
         self._users: WeakSet[Task] = WeakSet()
-        """Those that have had it."""
+        """The sequences that have had the lock."""
 
     @property
     def holder(self) -> str | None:
-        """The name of the sequence that has it, which is that of its `async def` function; None if the lock is free."""
+        """The name of the sequence that has the lock, which is the name of its `async def` function; None if the lock
+        is free."""
         return None if self._owner is None else self._owner.name
 
     @property

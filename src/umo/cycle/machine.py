@@ -34,8 +34,8 @@ K = TypeVar("K", bound=Capability)
 
 
 class ConnectedMachine:
-    """The running parts of one machine, from `connect` to its end. Its compounds access it by a view
-    (`machine_view.py`)."""
+    """The running parts of one machine, from `connect` to its end. The compounds of the machine access it through a
+    view (`machine_view.py`)."""
 
     def __init__(
         self,
@@ -51,9 +51,9 @@ class ConnectedMachine:
         self.clock: Clock = image.clock
         self.stop = stop
         self.states = states
-        """The states of its capabilities at the end of the last run, by their names."""
+        """The states of the machine's capabilities at the end of the last run, by the names of the capabilities."""
         self.is_manual = False
-        """True in manual mode, in which clients operate it instead of the application."""
+        """True in manual mode, in which clients operate the machine instead of the application."""
         self.progress = Progress()
         """The last progress of the machine (`Cycle.progress`)."""
         self.result_so_far: Any = None
@@ -67,10 +67,10 @@ class ConnectedMachine:
         self.equipment = Containment(root, image, self.claims, guards, lambda: self.is_manual, self._equipment_changed)
         self.sequences = Sequences(self.equipment)
         self.at_work = self.sequences
-        """The group of sequences that a sequence joins if it is started now: those of the application, or of an
+        """The group of sequences that a sequence joins if it is started now: the sequences of the application, or of an
         action."""
         self.piling_up = PilingUp()
-        """Detects sequences of one part that are started faster than they end."""
+        """The detection of sequences of one part that are started faster than they end."""
         self.under_way = ActiveWork(self.equipment, self.sequences)
         """The work that a fault of equipment, or a stop, ends."""
         self.facts: list[Callable[[], Mapping[str, str]]] = []
@@ -102,7 +102,7 @@ class ConnectedMachine:
         self.compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
 
     def skip_ticks(self) -> None:
-        """Read the timer before the first period: the ticks until now belong to no period, and do not count as
+        """Read the timer before the first period: the ticks until now belong to no period and do not count as
         missed."""
         if self.image.timer >= 0:
             self.image.read_now(self.image.timer)
@@ -110,16 +110,15 @@ class ConnectedMachine:
         self.groups.restart()
 
     def contain_failures(self, yes: bool) -> None:
-        """Set whether equipment contains failures of its objects, which it does between connecting and
-        disconnecting."""
+        """Set whether equipment contains failures of its objects. It does so between connecting and disconnecting."""
         if yes and self.equipment.all:
             self.image.fail = self.equipment.failed
         else:
             vars(self.image).pop("fail", None)
 
     def attach(self, capability: K) -> K:
-        """Attach a capability. After the phases are bound it may add only to `commanding`, `before_laws` and `showing`.
-        If the machine has begun, `begin` of the capability is called, too."""
+        """Attach a capability. After the phases are bound, the capability may add only to `commanding`, `before_laws`
+        and `showing`. If the machine has begun, `begin` of the capability is called, too."""
         capability.attach(self)
         self.attached.append(capability)
         if self.has_begun:
@@ -132,8 +131,8 @@ class ConnectedMachine:
 
     def end(self, *, parts: bool = True) -> None:
         """End the periods: from now on every driver is called again, and each call waits. An error of a capability is
-        reported and does not prevent a reset. `parts`: whether to call the capabilities that are parts of the machine,
-        too, which are the user's code."""
+        reported and does not prevent a reset. `parts`: whether to call also the capabilities that are parts of the
+        machine, which are the user's code."""
         self.image.end()
         for each in self.attached:
             if parts or not isinstance(each, Compound):
@@ -144,7 +143,7 @@ class ConnectedMachine:
                     self.events.add(Event(self.clock.now, "", text), logged=True)
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call reach a driver any more: in its place `instead` is called, which does not return."""
+        """Replace every call of a driver by `instead`, which does not return."""
         self.image.refuse(instead)
         for each in self.attached:
             each.refuse(instead)

@@ -33,7 +33,7 @@ class MachineView:
         self.whole = machine
         self.clock, self.period = machine.clock, machine.clock.period
         self.task_clock: Clock | None = None
-        """The clock by which sequences of its compounds take their steps; None means the machine's."""
+        """The clock by which sequences of these compounds take their steps; None means the machine's clock."""
 
     @property
     def running(self) -> bool:
@@ -120,7 +120,7 @@ class MachineView:
         self.whole.result_so_far = so_far
 
     def facts(self) -> dict[str, str]:
-        """The state of the machine as text."""
+        """Return the state of the machine as text."""
         machine = self.whole
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         now, missed = machine.clock.now, machine.clock.missed_in_all
@@ -132,8 +132,8 @@ class MachineView:
 
 
 def connect_compounds(machine: ConnectedMachine, view_of: Callable[[Node], MachineView] | None = None) -> None:
-    """Give the root the calls of the period, and each part its own calls. `view_of`: the view of each compound;
-    default: they share one."""
+    """Give the root the calls of the period, and each part its own calls. `view_of`: a function that returns the view
+    of a compound; by default all compounds share one view."""
     period, whole = machine.phases, MachineView(machine)
     view_of = view_of or (lambda part: whole)
     root, *parts = machine.compounds

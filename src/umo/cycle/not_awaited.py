@@ -1,9 +1,9 @@
-"""A sequence that was called and dropped without an `await`: an error in the line that drops it.
+"""The error that is raised if a sequence is called and dropped without an `await`.
 
-Python only prints a warning, by one function for the whole process, and continues. While a machine is connected umo
-replaces that function for the thread of the machine. The error is raised in the innermost function that expects errors
-of the user's code, at its next line or when it returns, so that it is a failure of that sequence or law, of its
-equipment, or of the run. If an error is already being raised, a sequence that it drops is not reported.
+Python only prints a warning, by one function for the whole process, and continues. While a machine is connected, umo
+replaces this function for the thread of the machine. The error is raised in the innermost function that expects errors
+of the user's code, at its next line or when it returns. So the error is a failure of the calling sequence or law, of
+its equipment, or of the run. A sequence that is dropped because another error is being raised is not reported.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ _ADVANCING: set[CodeType] = set()
 
 
 def expects_errors(function: Raising) -> Raising:
-    """Decorator for a function of umo that calls the user's code, and whose callers handle its errors."""
+    """Decorate a function of umo that calls the user's code, and whose callers handle the errors of this code."""
     _EXPECTING.add(function.__code__)
     return function
 
 
 def advances(function: Raising) -> Raising:
-    """Decorator for the function of umo in which a sequence takes a step. The error must be raised in its caller, which
-    handles it."""
+    """Decorate the function of umo in which a sequence takes a step. The error must be raised in the caller of this
+    function, which handles it."""
     _ADVANCING.add(function.__code__)
     return function
 
@@ -195,8 +195,8 @@ def _close_given(coroutine: Any) -> None:
 
 
 def hear() -> Callable[[], None]:
-    """From now on, raise an error if a sequence of this thread is never awaited. Returns the function that ends
-    this."""
+    """From now on, raise an error if a sequence of this thread is never awaited. Return the function that stops this
+    check."""
     thread = get_ident()
     _WATCH.begin(thread)
     return partial(_WATCH.end, thread)
@@ -204,7 +204,7 @@ def hear() -> Callable[[], None]:
 
 @contextmanager
 def heard() -> Iterator[None]:
-    """The same for a `with` block."""
+    """Return a context in which an error is raised if a sequence of this thread is never awaited (`hear`)."""
     end = hear()
     try:
         yield
@@ -213,8 +213,8 @@ def heard() -> Iterator[None]:
 
 
 def tell_kept(root: Compound) -> None:
-    """Report and close the sequences that attributes of a machine still have at its end and that were never awaited,
-    because nothing will drop them later."""
+    """Report and close the sequences that were never awaited and that attributes of a machine still refer to at its
+    end, because nothing will drop them later."""
     parts = [each for each in (root, *walk(root)) if isinstance(each, Compound)]
     values = [value for part in parts for value in vars(part).values()]
     for each in chain.from_iterable(value if isinstance(value, list | tuple) else (value,) for value in values):

@@ -1,9 +1,10 @@
 """The connection of a machine with its drivers off the cycle (`umo.drivers.off_cycle`).
 
-Their values arrive at times of their own, each with its stamp: the time at which its transfer began. Only the age
-counts: a value older than the driver's `max_age` is STALE, one older than twice that has failed, which is handled by
-`on_error` of its object. So one failed transfer of a slow device is not a failure, and an old value never looks fresh,
-whatever happens to the worker process. Outputs are posted in each period; `read` gives what the device has confirmed.
+The values arrive independently of the period. Each has a stamp: the time at which its transfer began. Only the age
+counts: a value older than the driver's `max_age` is STALE; a value older than twice this time has failed, and
+`on_error` of its object decides the reaction. So one failed transfer of a slow device is not a failure, and an old
+value never looks fresh, whatever happens to the worker process. Outputs are posted in each period; `read` returns the
+value that the device has confirmed.
 """
 
 from __future__ import annotations
@@ -37,11 +38,11 @@ if TYPE_CHECKING:
     from umo.cycle.machine import ConnectedMachine
 
 BAD_AGES = 2
-"""Number of maximum ages after which a value has failed."""
+"""The age at which a value has failed, as a multiple of `max_age`."""
 
 
 class WorkerLink:
-    """One driver off the cycle, as the image uses it. The place of a channel is its number in the exchange."""
+    """One driver off the cycle as the image uses it. The place of a channel is its number in the exchange."""
 
     def __init__(self, image: Image, name: str, driver: OffCycle) -> None:
         self.driver = driver
@@ -55,7 +56,7 @@ class WorkerLink:
         self.inputs = [block for block, each in zip(mine, reads, strict=True) if each]
         self.outputs = [block for block, each in zip(mine, reads, strict=True) if not each]
         self.watched = np.array([slot for slot in slots if image.items[slot].synchronous], np.int64)
-        """The slots whose ages are watched: those that are transferred in each of its periods."""
+        """The slots whose ages are watched: those that are transferred in each period of the driver."""
         self.arrived = -1
         """The count of transfers up to which the image has taken the values."""
         self.rows = driver.exchange.arrivals.read()[1]
@@ -66,23 +67,23 @@ class WorkerLink:
         self.times: FloatArray = np.full(len(self.stamps), np.nan)
         """Time of each channel's value in s on the cycle's clock, by place."""
         self.awaited: dict[int, tuple[int, float]] = {}
-        """Asynchronous actuators with an order that is not carried out yet: the number of the last order, and the time
-        in s of the first pending one."""
+        """The asynchronous actuators with an order that is not carried out yet, each with the number of the last order
+        and the time in s of the first pending order."""
         self.told_away = False
         """True if the driver counts as away, or as not written, because no value has arrived for long."""
         self.tells_end = False
-        """True if this had an event, so that its end must have one, too."""
+        """True if the absence had an event, so that its end must have one, too."""
         self.told_again = False
-        """True if an initialisation has had an event since then."""
+        """True if an initialisation has had an event since the absence began."""
         self.limits = {text: EventLimit() for text in ("away", "initialised")}
         self.last = np.zeros(len(self.stamps))
-        """Time in s at which a value of each channel was taken last, by place."""
+        """The time in s at which a value of each channel was taken last, by place."""
         written = [self.place[slot] for block in self.outputs for slot in range(block.start, block.stop)]
         self.written = np.array(written, np.int64)
         """The places of the outputs that each transfer writes."""
 
     def silence(self, now: float) -> str:
-        """The text of the event if no value has arrived for long, or none of its outputs was confirmed; otherwise
+        """Return the text of the event if for a long time no value has arrived or no output was confirmed; otherwise
         ""."""
         since = now - max(LONG_ABSENCE, BAD_AGES * self.driver.max_age)
         if self.last.max() < since:
@@ -93,7 +94,7 @@ class WorkerLink:
 
 
 class OffCycleDrivers(Capability):
-    """The drivers off the cycle of one machine, and `Elsewhere` of its sensors."""
+    """The drivers off the cycle of one machine. It is also the `Elsewhere` of their sensors."""
 
     def __init__(self, image: Image, wired: Wired, drivers: Sequence[tuple[str, OffCycle]]) -> None:
         self._image, self._clock, self._columns = image, image.clock, image.columns
@@ -108,12 +109,12 @@ class OffCycleDrivers(Capability):
         self._beginning = False
         """True if the worker has just initialised these objects."""
         self._updated = False
-        """True if what the outputs are to be was not posted yet."""
+        """True if the present values of the outputs were not posted yet."""
         self._faults = wired.injection
         workers = any(link.driver.worker is not None for link in self._links)
         self._ns: Callable[[], int] = monotonic_ns if workers else self._machine_ns
         self._now_ns = self._ns()
-        """The time in ns of the last sample, which is `clock.now`."""
+        """The time in ns of the last sample, at `clock.now`."""
         for link in self._links:
             if link.driver.worker is None:
                 link.driver.server.ns = self._machine_ns
@@ -128,7 +129,8 @@ class OffCycleDrivers(Capability):
         return NO_TIME if self._faults.clock is None else self._machine_ns()
 
     def attach(self, machine: ConnectedMachine) -> None:
-        """Add the exchange with these drivers before the wait for the next tick, where it delays no output."""
+        """Add the exchange with these drivers to the phase before the wait for the next tick, where it delays no
+        output."""
         period = machine.phases
         timer = self._image.timer >= 0
         (period.before_tick if timer else period.receiving).append(self._exchange)
@@ -136,7 +138,7 @@ class OffCycleDrivers(Capability):
         period.before_send.append(self._note_sent)
 
     def begin(self) -> None:
-        """Called at the beginning: from now on no call of these drivers waits."""
+        """Begin: from now on no call of these drivers waits."""
         for link in self._links:
             self._image.segments.on_call()
             link.driver.begin()
@@ -144,7 +146,7 @@ class OffCycleDrivers(Capability):
         self._exchange()
 
     def end(self) -> None:
-        """Called when the machine stops: each call is made, and waits."""
+        """End, because the machine stops: from now on each call is made, and waits."""
         for link in self._links:
             link.driver.end()
 
@@ -381,7 +383,7 @@ class OffCycleDrivers(Capability):
             self._set_stale(slot)
 
     def confirms_later(self, slot: int) -> bool:
-        """True while the machine runs: a write is accepted when the device has confirmed it."""
+        """Return True while the machine runs: then a write is accepted when the device has confirmed it."""
         return self._remote_of[slot].driver.running and not self._beginning
 
     def order(self, slot: int) -> None:
@@ -391,7 +393,7 @@ class OffCycleDrivers(Capability):
         link.awaited[slot] = link.driver.order(link.place[slot]), first
 
     def is_ordered(self, slot: int) -> bool:
-        """True if a write was already ordered. It is not ordered again before it is carried out."""
+        """Return True if a write was already ordered. A write is not ordered again before it is carried out."""
         return slot in self._remote_of[slot].awaited and self._image.sent[slot] == self._image.pending[slot]
 
 
@@ -407,8 +409,8 @@ class Posted(WithPeriod):
             super().accepted(slot)
 
     def goes_on(self, slot: int) -> None:
-        """True if the object may be initialised repeatedly although it accepts no other call. The pending value of an
-        actuator with "retry" is then not confirmed."""
+        """Return True if the object may be initialised repeatedly although it accepts no other call. The pending value
+        of an actuator with "retry" is then not confirmed."""
         if self._items[slot]._max_age is not None and not self._image.is_at_default(slot):
             self._image.set_quality(slot, Quality.STALE)
 
@@ -431,7 +433,8 @@ class Ordered(AtOnce):
 
 
 def off_cycle_drivers(image: Image, wired: Wired) -> list[OffCycleDrivers]:
-    """Return the drivers off the cycle of a machine, as one capability; none if there are no such drivers."""
+    """Return a list with one capability for the drivers off the cycle of a machine; an empty list if there are no such
+    drivers."""
     drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
     return [OffCycleDrivers(image, wired, drivers)] if drivers else []
 

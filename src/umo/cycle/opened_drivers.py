@@ -1,4 +1,5 @@
-"""The drivers of a connection: opened, with their objects at their defaults; then reset, finalised and closed."""
+"""The drivers of a connection. They are opened and their objects initialised at their defaults; at the end the objects
+are reset and finalised, and the drivers are closed."""
 
 from __future__ import annotations
 
@@ -17,18 +18,18 @@ from umo.wiring.wired import Wired
 
 
 class OpenedDrivers:
-    """The drivers of one connection. `wait`: function that waits a time in s before another reset."""
+    """The drivers of one connection. `wait`: the function that waits a time in s before another reset."""
 
     def __init__(self, machine: ConnectedMachine, wired: Wired, wait: Callable[[float], object]) -> None:
         self._machine, self._image, self._wired, self._wait = machine, machine.image, wired, wait
         self._opened: list[str] = []
         self._initialized: list[int] = []  # slots
         self._waiting: set[int] | None = None
-        """The slots that are still to be reset, or None if no reset has begun."""
+        """The slots that are still to be reset; None if no reset has begun."""
 
     def open(self) -> None:
-        """Open the drivers, initialise every object at its default, arm the watchdogs. Raises DriverError for the first
-        failure."""
+        """Open the drivers, initialise every object at its default and arm the watchdogs. Raises DriverError for the
+        first failure."""
         segments = self._image.segments
         for name in self._wired.drivers:
             self._opened.append(name)
@@ -75,12 +76,12 @@ class OpenedDrivers:
                 driver.timeout = timeout
 
     def reset(self) -> tuple[list[Failure], list[Failure]]:
-        """Reset all actuators. Return the failures: the actuators not reached, and those reached only by a later
-        attempt.
+        """Reset all actuators. Return the failures: the actuators that were not reached, and those that only a later
+        attempt has reached.
 
         A request that failed may still be carried out later and undo a reset. So after a failure everything is reset a
-        second time, and again as long as an attempt reaches another actuator, because a device may begin to answer in
-        the middle of an attempt.
+        second time. Further attempts follow as long as an attempt reaches another actuator, because a device may begin
+        to answer in the middle of an attempt.
         """
         slots = self._stop_sequence()
         first = left = self._reset_once(slots)
@@ -112,12 +113,12 @@ class OpenedDrivers:
         return failures
 
     def not_reset(self, cause: str) -> list[Failure]:
-        """The actuators that are still to be reset, as failures with this cause."""
+        """Return the actuators that are still to be reset, as failures with this cause."""
         slots = self._stop_sequence() if self._waiting is None else self._waiting
         return [self._image.transfer.failure(slot, cause) for slot in sorted(slots)]
 
     def reports(self) -> dict[str, Mapping[str, Any]]:
-        """The report of each driver. If a report fails, the reason takes its place; the run has not failed."""
+        """Return the report of each driver. If a report fails, the reason takes its place; the run has not failed."""
         found: dict[str, Mapping[str, Any]] = {}
         for name in self._opened:
             try:

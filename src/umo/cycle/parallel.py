@@ -1,4 +1,5 @@
-"""Sequences that run in parallel within another one: until all have ended, until the first has, until a condition."""
+"""Functions that run sequences in parallel within another sequence: until all have ended, until the first has ended, or
+until a condition is true."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ class First(NamedTuple):
     """The sequence of `first` that ended first."""
 
     number: int
-    """Place of the result among the given sequences, from 0."""
+    """The index of the result among the given sequences, from 0."""
     result: Any
 
 
@@ -42,12 +43,12 @@ async def together(*sequences: Routine | link.Task) -> tuple[Any, ...]:
 
 @adopting
 async def first(*sequences: Routine | link.Task) -> First:
-    """Run sequences in parallel until the first ends; the others are cancelled. Returns which one ended, and its
-    result: `number, result = await first(fill(), wait("5 s"))`.
+    """Run sequences in parallel until the first ends; the others are cancelled. Returns the index of the sequence that
+    has ended, and its result: `number, result = await first(fill(), wait("5 s"))`.
 
-    If two end in the same period, the one given first counts, and the other one is cancelled before its last step. The
-    first error cancels the others and is raised, even one raised while the others are cancelled. Raises TypeError
-    without a sequence.
+    If two sequences would end in the same period, the sequence given first counts, and the other one is cancelled
+    before its last step. The first error cancels the others and is raised, even one raised while the others are
+    cancelled. Raises TypeError without a sequence.
     """
     if not sequences:
         raise TypeError("first() needs at least one sequence")
@@ -70,11 +71,11 @@ async def first(*sequences: Routine | link.Task) -> First:
 @expects_errors
 @adopting
 async def unless(condition: Callable[[], bool], sequence: Routine | link.Task) -> bool:
-    """Run a sequence unless the condition is, or becomes, true; then it is cancelled. Returns whether it ended by
-    itself.
+    """Run a sequence until it ends, or until the condition is true; then the sequence is cancelled. Returns whether the
+    sequence ended by itself.
 
-    The condition is evaluated at once, so that the sequence does not begin if it is true, and then once per period
-    before the sequence's step. An error in the condition cancels the sequence and is raised.
+    The condition is evaluated immediately, so that the sequence does not begin if the condition is true, and then once
+    per period before the sequence's step. An error in the condition cancels the sequence and is raised.
     """
     own = await own_task("unless()")
     task, tick = _task(sequence, own), None

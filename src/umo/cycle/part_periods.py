@@ -1,5 +1,5 @@
-"""The periods of parts that have rates of their own, as a capability: the phases GROUPS and OWED, and the views of
-their compounds."""
+"""The periods of parts that do not have the machine's rate, as a capability: the phases GROUPS and OWED, and the views
+of the parts' compounds."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from umo.objects import Compound, Node, walk
 
 
 class GroupView(MachineView):
-    """The machine as compounds of one rate see it. `period`: that of their laws in s, which may act on a controller.
-    Default: the clock's."""
+    """The machine as compounds of one rate see it. `period`: the period in s of their laws, which may act on a
+    controller. Default: the period of the clock."""
 
     def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
         self.whole, self._clock = machine, clock
@@ -27,20 +27,21 @@ class GroupView(MachineView):
 
     @property
     def clock(self) -> Clock:  # type: ignore[override]
-        """Return the clock by which a sequence of any part takes its steps."""
+        """The clock by which a sequence of any part takes its steps."""
         task = self.current_task
         return self._clock if task is None else task.clock or self.whole.clock
 
 
 def give_period(machine: ConnectedMachine, part: Compound, period: float) -> None:
-    """Set the period in s that the compounds of a part see, if its laws act elsewhere."""
+    """Set the period in s that the compounds of a part see, if the laws of the part act on a controller."""
     for each in (part, *walk(part)):
         if isinstance(each, Compound):
             vars(each)["_machine"] = GroupView(machine, machine.groups.of(each).clock, period)
 
 
 class PartPeriods(Capability):
-    """The periods of the parts of one machine. The period of the whole machine transfers its own blocks only."""
+    """The periods of the parts of one machine. The period of the whole machine transfers only the blocks with the
+    machine's rate."""
 
     def attach(self, machine: ConnectedMachine) -> None:
         self._image, self._claims, self._sequences = machine.image, machine.claims, machine.sequences
@@ -53,7 +54,7 @@ class PartPeriods(Capability):
         self._sent = frozenset(slot for block in image.outputs for slot in range(block.start, block.stop))
         """The actuators that are sent in periods."""
         self._urgent: set[int] = set()
-        """Those whose pending value is sent in this period, also where their part is not due."""
+        """The actuators whose pending value is sent in this period even if their part is not due."""
         image.does_not_wait = self._hasten
         self._views = {group.number: GroupView(machine, group.clock) for group in self._groups.all}
 

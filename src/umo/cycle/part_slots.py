@@ -1,4 +1,5 @@
-"""The slots of each part of a machine: those that `sample`, `update`, `reset` and `acknowledge` of a compound use."""
+"""The slots of each part of a machine: the slots that `sample`, `update`, `reset` and `acknowledge` of a compound
+use."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ class PartSlots(NamedTuple):
 
 
 class SlotsOfParts:
-    """The slots of all parts of one machine, each found when first read. `place`: the place of each actuator in stop
-    order."""
+    """The slots of all parts of one machine. The slots of a part are found when they are first read. `place`: the index
+    of each actuator in stop order."""
 
     def __init__(self, image: Image, place: Mapping[int, int]) -> None:
         self._image, self._place = image, place

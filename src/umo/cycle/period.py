@@ -1,9 +1,9 @@
 """A period of a connected machine: its phases in their order (`PHASES`), and the calls that a machine binds to them.
 
-`sample`, `control` and `update` are the interface of programs with loops of their own. In `sample` and `update` a
-DriverError of one phase does not stop the next; one error lists the failures of all. In `control` an error that no
-equipment contains ends the call. Phases without work are not called: each machine binds its calls once. In every phase
-the claims decide who drives an actuator (`claim_table`, `umo.objects.claims`).
+`sample`, `control` and `update` are the interface for programs with their own loops. In `sample` and `update` a
+DriverError of one phase does not stop the next phase; one error lists the failures of all phases. In `control` an error
+that no equipment contains ends the call. Phases without work are not called: each machine binds its calls once. In
+every phase the claims decide who drives an actuator (`claim_table`, `umo.objects.claims`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class PeriodPhase(NamedTuple):
     """A phase of each period."""
 
     call: str
-    """The call of a program's own loop to which the phase belongs."""
+    """The call (`sample`, `control` or `update`) to which the phase belongs in a program with its own loop."""
     name: str
     does: str
     error: str
@@ -91,12 +91,12 @@ class Period:
         self._clock: Clock = image.clock
         self._events: Events = image.events
         self.observers: list[Callable[[Any], object]] = []
-        """Called at the end of SHOW, by `show`."""
+        """The functions that `show` calls at the end of SHOW."""
         self.show: Callable[[], object] = bool
-        """Calls the observers, where there are any."""
+        """The function that calls the observers, if there are any."""
         self.before_tick: list[Callable[[], object]] = []
-        """Functions that are called in BEFORE TICK. Like those of `receiving` and `before_send`, they must be added
-        before the calls are bound."""
+        """The functions that are called in BEFORE TICK. Functions of `before_tick`, `receiving` and `before_send` must
+        be added before the calls are bound."""
         self.receiving: list[Callable[[], object]] = []
         """Functions that are called in RECEIVE."""
         self.before_send: list[Callable[[], object]] = []
@@ -112,7 +112,7 @@ class Period:
         self.open = False
         """True if a period has begun and was not finished yet."""
         self.began = 0
-        """Time in ns of its tick (`time.monotonic_ns`)."""
+        """The time in ns of the period's tick (`time.monotonic_ns`)."""
         self.late = outputs == AT_NEXT_TICK
         """True if outputs wait for the next tick."""
         self.read: Callable[[], bool] = image.sample
@@ -120,19 +120,21 @@ class Period:
         self.send: Callable[[], bool] = image.update
         """The call of the phase SEND."""
         self.carry_out: Callable[[], bool] | None = None
-        """The call of the phases GROUPS and OWED, if parts have rates of their own (`umo.cycle.part_periods`)."""
+        """The call of the phases GROUPS and OWED, if parts do not have the machine's rate
+        (`umo.cycle.part_periods`)."""
         self.several: Callable[[], int] | None = None
-        """Carries out the next period, or several if none needs Python. Returns their number, or 0 if a stop has ended
-        the wait for a tick. It replaces the calls of the standard loop."""
+        """The function that carries out the next period, or several periods if none of them needs Python. It returns
+        the number of periods, or 0 if a stop has ended the wait for a tick. It replaces the calls of the standard
+        loop."""
         self._clock.on_tick = self.on_tick
         self._send: Callable[[], bool]
-        """SEND to OWED."""
+        """The call of the phases SEND to OWED."""
         self.sample_all: Callable[[], bool]
         """The call of the phases RECEIVE to GUARD of all groups, for the first sample."""
         self.sample: Callable[[], bool]
 
     def bind(self) -> None:
-        """Choose the calls that this machine needs; to be called when everything is attached."""
+        """Choose the calls that this machine needs. Call this function when everything is attached."""
         self._image.before_tick = preceded(self.before_tick, self.finish)
         send = preceded(self.before_send, self.send)
         self.sample_all = self._guarded(self._image.sample)
@@ -153,8 +155,8 @@ class Period:
         self.began = monotonic_ns()
 
     def finish(self) -> None:
-        """Carry out SHOW, before the wait for the next tick, for a period that failed or whose `update` was not
-        called."""
+        """Carry out SHOW for a period that failed or whose `update` was not called. This happens before the wait for
+        the next tick."""
         if self.open:
             self._finish()
 
@@ -189,8 +191,8 @@ class Period:
             self.settle()
 
     def settle_once(self, call: Callable[[], object]) -> None:
-        """Call a function once, after the laws of this period, in which those of all groups act, even if they are not
-        due."""
+        """Call a function once after the laws of this period. In this period the laws of all groups act, even if they
+        are not due."""
         if call not in self.settling:
             self.settling.append(call)
 
@@ -216,7 +218,7 @@ class Period:
         return accepted
 
     def update_by(self, send: Callable[[], bool]) -> bool:
-        """Carry out the same after a part of the outputs was sent; the given function sends the rest."""
+        """Carry out SEND to SHOW after some of the outputs were sent. The given function sends the other outputs."""
         usual = self._send
         self._send = send if self.carry_out is None else partial(both, send, self.carry_out)
         try:
@@ -242,11 +244,11 @@ class LateOutputs:
     def __init__(self, send: Callable[[], bool], expire: Callable[[], object]) -> None:
         self._send, self._expire = send, expire
         self._waiting = False
-        """True if there is any."""
+        """True if outputs are waiting."""
 
     def note(self) -> bool:
-        """Note that a period has computed its outputs. If outputs already wait, because there was no `sample`, send
-        them now."""
+        """Note that a period has computed its outputs. If outputs already wait because there was no `sample`, send them
+        now."""
         waiting, self._waiting = self._waiting, True
         return not waiting or self._send()
 
@@ -264,7 +266,8 @@ class LateOutputs:
 
 
 def preceded(calls: Sequence[Callable[[], object]], last: Callable[[], T]) -> Callable[[], T]:
-    """Return a function that makes these calls and then the last one; only the last one if there are no others."""
+    """Return a function that makes these calls and then the last call. If there are no other calls, return the last one
+    itself."""
     if not calls:
         return last
 
@@ -308,7 +311,7 @@ def both(first: Callable[[], bool], second: Callable[[], bool]) -> bool:
 
 
 def go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:
-    """Carry out the next phase of a period after one has failed, and raise the failures of both."""
+    """Carry out the next phase of a period after a phase has failed, and raise the failures of both."""
     try:
         then()
     except DriverError as error:

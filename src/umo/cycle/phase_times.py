@@ -1,7 +1,7 @@
 """Durations of the phases of a period: timer, attempts for each driver that is away, sample of each driver, control
 code, update of each driver.
 
-Measuring costs about 0.3 us per transfer, so it is on only while frames are published (`umo.process.frames`).
+Measuring takes about 0.3 us per transfer, so umo measures only while frames are published (`umo.process.frames`).
 """
 
 from __future__ import annotations
@@ -20,18 +20,20 @@ from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
 UNKNOWN = -1
-"""Stands for an unknown duration."""
+"""The value in place of an unknown duration."""
 CONTROL = "control"
-"""Name of the phase of the control code; for a part with a rate of its own its path follows."""
+"""The name of the phase of the control code. For a part that does not have the machine's rate, the path of the part
+follows."""
 TRY = "try"
-"""Beginning of the name of a phase in which a driver that is away was tried; the driver's name follows."""
+"""The beginning of the name of a phase in which umo tried a driver that is away. The driver's name follows."""
 
 
 class PhaseTimes:
-    """Watches one connected image; `names` are in the order of a period, `ns` has the times of the last period."""
+    """The measurement on one connected image. `names` are in the order of a period, `ns` has the times of the last
+    period."""
 
     def __init__(self, image: Image, drivers: Mapping[str, Driver[Any]], parts: Sequence[PartGroup] = ()) -> None:
-        """`parts`: those that have rates of their own."""
+        """`parts`: the parts that do not have the machine's rate."""
         names = {id(driver): name for name, driver in drivers.items()}
         part_of = {block.start: f" for {part.path}" for part in parts for block in (*part.inputs, *part.outputs)}
         inputs = [f"sample {names[id(block.driver)]}{part_of.get(block.start, '')}" for block in image.inputs]
@@ -43,7 +45,7 @@ class PhaseTimes:
         self.names = ["timer", *tries, *inputs, CONTROL, *outputs, *slow]
         self._none = [0] * len(self.names)
         self.ns = list(self._none)
-        """Duration of each phase in ns; "control" is the time that drivers and parts did not use."""
+        """The duration of each phase in ns. "control" is the time that drivers and parts did not use."""
         first = 1 + len(tries)
         self._tries = {name: number for number, name in enumerate(tried, 1)}
         self._control = first + len(inputs)
@@ -76,18 +78,20 @@ class PhaseTimes:
         self.ns[self._tries[name]] += ns
 
     def finish(self, execution: int) -> None:
-        """End the period: the rest of its execution time (ns) was spent in control code and in umo."""
+        """End the period: the part of its execution time (in ns) that is not measured yet was spent in control code and
+        in umo."""
         ns = self.ns
         ns[self._control] = execution - sum(ns) + ns[0]
 
     def clear(self) -> None:
-        """Set all times to 0, so that a part that is not transferred in the next period has no time in it."""
+        """Set all times to 0, so that a part that is not transferred in the next period has the time 0 in this
+        period."""
         self.ns[:] = self._none
         self._moved.clear()
 
     @property
     def wake(self) -> int:
-        """Time in ns from the tick to the timer's waking up; UNKNOWN if the timer has no grid of its own."""
+        """Time in ns from the tick to the timer's waking up; UNKNOWN if the timer has no time grid."""
         ticker = getattr(self._timer, "ticker", None)
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 

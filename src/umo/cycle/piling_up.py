@@ -1,5 +1,5 @@
-"""Sequences that pile up: one is started again and again while the earlier ones still run. This is reported by one
-event."""
+"""Sequences that pile up: a sequence is started again and again while the earlier ones still run. One event reports
+this."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from umo.cycle.sequences import Task
 from umo.text import place_among
 
 FEW = 16
-"""There is an event when this number of sequences of one function run for one object, each started in another
-period."""
+"""The number of sequences of one function for one object from which on there is an event. Each of them was started in
+another period."""
 MANY = 1000
-"""The same number for one function, whatever its arguments."""
+"""The number of sequences of one function, whatever its arguments, from which on there is an event."""
 
 
 class PilingUp:
-    """Detects sequences that accumulate on one machine. A check takes time in proportion to the sequences of a part, so
-    it is made when their number has grown by a quarter."""
+    """The detection of sequences that accumulate on one machine. The time of a check is proportional to the number of
+    sequences of a part, so a check is made only when this number has grown by a quarter."""
 
     def __init__(self) -> None:
         self._next: dict[tuple[int, CodeType], int] = {}
-        """The number of sequences of a part at which those of a function are looked at next."""
+        """The number of sequences of a part at which the next check is made."""
         self._told: set[CodeType] = set()
 
     def look(self, task: Task, beside: Collection[Task]) -> str:
-        """Return the text of the event for a sequence that was just started; "" for none. `beside`: all of its part."""
+        """Return the text of the event for a sequence that was just started; "" for none. `beside`: all sequences of
+        the same part."""
         if (code := code_of(task.sequence)) is None or code in self._told:
             return ""
         key = id(task.part), code

@@ -1,8 +1,9 @@
 """The end of a program in which machines are still connected: their outputs go to their defaults first.
 
 At the end of the program Python freezes the remaining threads, that is, daemon threads and threads that were not
-joined, wherever they are. A machine in one of them is asked to stop before that, and disconnects in its thread. A
-machine that does not disconnect in time, or that the main thread left connected, is reset by the main thread.
+joined, wherever they are. Before this happens, a machine in such a thread is requested to stop, and disconnects in its
+thread. The main thread resets a machine that does not disconnect in time, and a machine that the main thread itself has
+not disconnected.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from umo.text import printable, some
 STOPPING_TIMEOUT = 10.0
 """Time in s within which a machine must begin to disconnect, in addition to the time limit of a call."""
 LEAVING_TIMEOUT = 60.0
-"""Time in s within which a machine must disconnect once it has begun."""
+"""The time in s within which a machine must disconnect after it has begun to."""
 LOOK_INTERVAL = 0.005
-"""Time in s between two looks."""
+"""The time in s between two checks."""
 
 
 def end_machines() -> None:
@@ -66,7 +67,7 @@ def _leave(flag: StopFlag) -> None:
 
 def check_thread(has_devices: bool, handler: Callable[[int], object] = usual_handler) -> None:
     """Check the thread. Raises DeclarationError if a machine with devices would be connected in a thread other than the
-    main one while a signal would end the program without a reset."""
+    main thread while a signal would end the program without a reset."""
     if in_main_thread() or not has_devices:
         return
     if deadly := [signal_name(number) for number in SIGNALS if handler(number) is signal.SIG_DFL]:

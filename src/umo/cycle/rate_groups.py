@@ -1,6 +1,7 @@
-"""Rate groups: the parts of a machine that act at one rate. The group of the machine's own rate is `whole`. Each part
-with the class keyword `every` that has another rate is a group of its own, with a clock whose ticks are its periods. A
-part whose period has passed with a missed tick runs late, once; its grid does not move.
+"""Rate groups: the parts of a machine that act at one rate. The group with the machine's rate is `whole`. Each part
+that has another rate (class keyword `every`) is a separate group, with a clock whose ticks are the periods of the part.
+If a period of a part has passed during a missed tick, the part runs once, late; the time grid of its periods does not
+change.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class PartClock(Clock):
         self._last = 0, 0.0
         super().__init__(every * base.period)
         self.group = group
-        """The place of its group in `RateGroups.parts`."""
+        """The index of the part's group in `RateGroups.parts`."""
         self.in_c = array("d", (self.dt, self.ticks))
         """`dt` and `ticks` in the form that laws in C read."""
         self.restart()
@@ -39,7 +40,7 @@ class PartClock(Clock):
 
     @now.setter
     def now(self, value: float) -> None:
-        """Does nothing, because the time is the machine's; `Clock` sets it."""
+        """Do nothing, because the time is the machine's; `Clock` sets this attribute."""
 
     def read(self) -> float:
         return self._base.read()
@@ -49,8 +50,8 @@ class PartClock(Clock):
         self._last = self._base.number, self._base.now
 
     def step(self, ticks: int) -> None:
-        """Begin a period of the part, `ticks` of its periods after the last one. `dt` becomes the time since the last
-        one."""
+        """Begin a period of the part, `ticks` periods of the part after the last one. `dt` becomes the time since the
+        last period."""
         self.missed = ticks if ticks > 1 else 0
         self.missed_in_all += max(ticks - 1, 0)
         self.ticks = max(ticks, 1)
@@ -70,7 +71,7 @@ class RateGroup:
 
     def __init__(self, number: int, path: str, clock: Clock, image: Image) -> None:
         self.number = number
-        """Place of the group in `Wired.rates`; `MACHINE_RATE` for the machine's own rate."""
+        """The index of the group in `Wired.rates`; `MACHINE_RATE` for the machine's rate."""
         self.path = path
         self.clock = clock
         self.inputs = [block for block in image.inputs if block.part == number]
@@ -80,7 +81,7 @@ class RateGroup:
 
 
 class PartGroup(RateGroup):
-    """The group of a part with a rate of its own."""
+    """The group of a part that does not have the machine's rate."""
 
     clock: PartClock
 
@@ -88,12 +89,12 @@ class PartGroup(RateGroup):
         super().__init__(number, rate.part._path, PartClock(image.clock, rate.every, group), image)
         self.every, self.phase = rate.every, rate.phase
         self.due = 0
-        """Number of the period in which it is due next."""
+        """The number of the period in which the group is due next."""
         self.took: Callable[[int], object] = lambda ns: None
-        """Function that is called with the duration in ns of its control."""
+        """The function that is called with the duration in ns of the group's control."""
 
     def schedule(self, number: int) -> int:
-        """Note that the group acts in this period, and compute when it is due next. Return the number of its own
+        """Note that the group acts in this period, and compute when it is due next. Return the number of the group's
         periods since the last time."""
         ticks = max((number - self.due) // self.every + 1, 0)
         self.due += ticks * self.every
@@ -116,11 +117,11 @@ class RateGroups:
         """The groups of parts, the fastest first."""
         self.all = [self.whole, *self.parts]
         self._queue: list[tuple[int, int]] = []
-        """The period in which each part is due next, and its number: a heap."""
+        """A heap with the period in which each part is due next, and the number of the part."""
         self.restart()
 
     def of(self, node: Node) -> RateGroup:
-        """The group to which an object belongs."""
+        """Return the group to which an object belongs."""
         return self.whole if not self.parts else self._parts.get(self._rates.number(node), self.whole)
 
     def restart(self) -> None:
@@ -136,7 +137,7 @@ class RateGroups:
         return self._queue[0][0] <= self.whole.clock.number
 
     def take_due(self) -> list[PartGroup]:
-        """Return the parts that are due in this period, the fastest first; their own periods begin."""
+        """Return the parts that are due in this period, the fastest first. The periods of these parts begin."""
         number, queue, due = self.whole.clock.number, self._queue, []
         while queue[0][0] <= number:
             key = heappop(queue)[1]

@@ -1,6 +1,6 @@
-"""The sensors of the image: the handling of readings. A reading is refused if it is invalid; otherwise it is
-conditioned, and its quality follows from its range and from whether the sensor is referenced. If a reading fails, this
-is reported, or the last value is held, or the sensor is marked BAD.
+"""The sensors of the image: the handling of readings. An invalid reading is refused. Any other reading is conditioned,
+and its quality depends on its range and on whether the sensor is referenced. If a reading fails, the failure is
+reported, or the last value is held, or the sensor is marked BAD.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from umo.objects.scaling import to_value
 from umo.wiring.wired import Wired
 
 MARKED_LOG_INTERVAL = 10.0
-"""Least time in s between two lines of the log about one sensor that is marked BAD."""
+"""The least time in s between two lines of the log about one sensor that is marked BAD."""
 MAX_OFFSET_RAW = 2.0**62
 """Largest zero offset that is accepted, in raw integers."""
 
 
 class Elsewhere(Protocol):
-    """The circuits whose values arrive at their own times (`umo.cycle.off_cycle`)."""
+    """The circuits whose values arrive independently of the period (`umo.cycle.off_cycle`)."""
 
     def read_at(self, slot: int) -> float:
-        """The time in s of the reading that is being accepted."""
+        """Return the time in s of the reading that is being accepted."""
 
     def was_read(self, slot: int, failures: list[Failure]) -> None:
-        """Note that a reading was accepted, which has its own time."""
+        """Note that a reading with a separate time was accepted."""
 
 
 class ImageInputs(Slots):
@@ -44,7 +44,7 @@ class ImageInputs(Slots):
         super().__init__(wired, clock, equipment, axes, alarms)
         self._low, self._high = self.scales.low.data, self.scales.high.data
         self.elsewhere: dict[int, Elsewhere] = {}
-        """By sensor, the circuit whose values arrive at their own times."""
+        """The circuits whose values arrive independently of the period, by sensor."""
         self.found: list[Failure] = []
         """Failures since the last sample; the next sample reports them."""
         self.failed: set[int] = set()
@@ -52,7 +52,7 @@ class ImageInputs(Slots):
         self._marked: list[tuple[int, str]] = []
         """Failures of the sensors that were marked BAD and not logged yet."""
         self._next_log: dict[int, float] = {}
-        """Time in s from which a marked sensor is logged again, by slot."""
+        """The time in s from which on a marked sensor is logged again, by slot."""
         sensors = (slot for slot, item in enumerate(self.items) if item.direction is Direction.INPUT)
         self.invalid_raws = {slot: raws for slot in sensors if (raws := self._invalid(slot))}
         found = ((slot, conditioner_of(wire)) for slot, wire in enumerate(self.wires))
@@ -76,7 +76,7 @@ class ImageInputs(Slots):
             block.convert = block.conditioned.convert
 
     def set_reading(self, slot: int, value: float) -> None:
-        """Change the zero offset of a digital sensor so that its last reading is this value."""
+        """Change the zero offset of a digital sensor so that its last reading has this value."""
         item = cast(Digital, self.items[slot])
         if self.quality[slot] == Quality.BAD:
             raise BadInput(item.path, Quality.BAD)
@@ -122,7 +122,8 @@ class ImageInputs(Slots):
     def settle_block(
         self, block: Block, outside: Sequence[tuple[int, float]], now: float, failures: list[Failure]
     ) -> None:
-        """The slow path of `sample`: a quality in the block is, or was, not the normal one."""
+        """Accept a block in which the quality of a slot is, or was, not the normal one. This is the slow path of
+        `sample`."""
         failed = {slot: (cause, self.times[slot]) for slot, _ in outside if (cause := self._refused(slot))}
         for slot in block.unsettled - failed.keys():
             self.set_quality(slot, self.base[slot])
@@ -148,7 +149,7 @@ class ImageInputs(Slots):
         return self.clock.read() if elsewhere is None else elsewhere.read_at(slot)
 
     def velocity(self, slot: int) -> float:
-        """Return the velocity of a sensor, units per s. BadInput while it is BAD."""
+        """Return the velocity of a sensor, units per s. Raises BadInput while it is BAD."""
         if self.quality[slot] == Quality.BAD:
             raise BadInput(self.items[slot].path, Quality.BAD)
         return self.conditioners[slot].velocity
@@ -208,7 +209,7 @@ class ImageInputs(Slots):
             failures.append(self.transfer.failure(slot, cause))
 
     def fail_inputs(self, causes: Mapping[int, str], failures: list[Failure]) -> None:
-        """Mark many readings as failed, such as all of a driver."""
+        """Mark many readings as failed, such as all readings of a driver."""
         items: Any = self.items
         plain, marked = [], []
         for slot, cause in causes.items():

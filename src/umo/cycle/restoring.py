@@ -1,9 +1,10 @@
 """Kept numbers: the values that a machine takes over from its last run, and the reason for each value that it does not
-take.
+take over.
 
 An entry is the plain data that `umo.process.kept_file` has: `value` (a number, true or false, the name of an Enum's
-member or of a named number, or None if it had none), `unit` and `type`. It counts after the wiring's parameters, before
-the first period. If a value is no longer valid, the number has its default, or the value of the wiring.
+member or of a named number, or None if there was no value), `unit` and `type`. Kept values are set after the wiring's
+parameters and before the first period. If a value is no longer valid, the number has its default, or the value of the
+wiring.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ from umo.user_code import raise_as
 from umo.wiring.wired import Parameter, apply_parameters
 
 MAX_EXACT = 1 << 53
-"""Largest whole number up to which all are exact in frames, which have floats."""
+"""The largest number up to which all whole numbers are exact in frames, which have floats."""
 NAME = "name"
-"""The type of a kept number with named values, which are kept by name, as the numbers of the names may have changed
-since."""
+"""The type of a kept number with named values. These are kept by name, because the numbers of the names may have
+changed since."""
 Undo = Callable[[Callable[[], object]], object]
 
 
 def kept_kind(number: MachineNumber) -> dict[str, Any]:
-    """The type of a kept number as plain data; for an Enum and a named number, the names by their numbers."""
+    """Return the type of a kept number as plain data; for an Enum and a named number, the names by their numbers."""
     if isinstance(number.kind, EnumMeta):
         members: list[Any] = list(number.kind)
         return {"type": "Enum", "members": {str(number_in(number.kind, member)): member.name for member in members}}
@@ -42,10 +43,11 @@ def kept_kind(number: MachineNumber) -> dict[str, Any]:
 
 
 def restore(root: Compound, parameters: Sequence[Parameter], kept: Mapping[str, Any], undo: Undo) -> dict[str, str]:
-    """Set the wiring's parameters, then the kept values. Returns why a value was not taken, by its path.
+    """Set the wiring's parameters, then the kept values. Return the reason for each value that was not taken over, by
+    path.
 
     `undo` is called, for each number, with a function that restores it. Raises DeclarationError for the wiring's
-    parameters, as in `apply_parameters`.
+    parameters in the cases of `apply_parameters`.
     """
     refused: dict[str, str] = {}
     fields = _fields(root, kept, refused)

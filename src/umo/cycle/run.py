@@ -39,12 +39,12 @@ def run(
     """Connect the machine, run the application's sequence to its end and disconnect safely. Returns its result.
 
     Without an application the machine's `control` runs until a signal. SIGINT (Ctrl-C), SIGTERM and SIGHUP end the run
-    between two periods: `umo.errors.Interrupted`, a KeyboardInterrupt, is raised when the actuators have been reset;
-    its `result` is the last one of `m.cycle.result`. In another thread than the main one nothing is raised and this
-    result is returned, as only the main thread handles signals. Errors of the application, the control code and the
-    devices are raised after the actuators have been reset to their defaults. Each of the `options` is passed to the
-    application and to all drivers that have an option of this name, as for `umo run` and `umo.start`. Raises
-    OptionError if none has. `acknowledge`: as for `connect`.
+    between two periods: `umo.errors.Interrupted`, a KeyboardInterrupt, is raised when the actuators have been reset.
+    Its `result` is the last one that `m.cycle.result` has reported. In a thread other than the main thread nothing is
+    raised and this result is returned, because only the main thread handles signals. Errors of the application, the
+    control code and the devices are raised after the actuators have been reset to their defaults. Each of the `options`
+    is passed to the application and to all drivers that have an option of this name, as for `umo run` and `umo.start`.
+    Raises OptionError if none has. `acknowledge` has the same meaning as in `connect`.
     """
     check_machine("run", machine)
     _timer_of(machine)
@@ -64,8 +64,8 @@ def run(
 
 
 def result_of(returned: Any, connection: connect[Any]) -> Any:
-    """Return the result of an ended run: the return value of its application, or else its last result so far. If that
-    function has failed, its error is the result, as text."""
+    """Return the result of an ended run: the return value of its application, or else its last result so far. If the
+    function that returns this result has failed, the text of its error is the result."""
     machine = getattr(connection, "machine", None)
     if returned is not None or machine is None:
         return returned
@@ -82,9 +82,9 @@ def result_of(returned: Any, connection: connect[Any]) -> Any:
 
 @expects_errors
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:
-    """The loop of a connected machine. Ends when the application ends or a stop is requested, which ends the wait for a
-    tick. The `options` are those of the application (options of drivers belong to `connect`). Raises OptionError if it
-    does not have one."""
+    """Run the loop of a connected machine. It ends when the application ends or a stop is requested; such a request
+    ends the wait for a tick. The `options` are those of the application (options of drivers belong to `connect`).
+    Raises OptionError if it does not have one."""
     check_machine("drive", m)
     _check_application(application)
     shares = distribute_options(options, application=application, wiring={})

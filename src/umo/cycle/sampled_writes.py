@@ -1,7 +1,8 @@
-"""Detects which code writes the actuators, without the extension in C: in some periods (decision 105).
+"""The detection of the code that writes the actuators, without the extension in C. It works only in some periods
+(decision 105).
 
-In these periods every write passes the command stage, which reports it; in all others nothing is checked, which costs
-nothing. A mistake in every period is found, one that occurs once may be missed."""
+In these periods every write passes the command stage, which reports it. In all other periods nothing is checked, which
+takes no time. An error that occurs in every period is found; an error that occurs once may be missed."""
 
 from __future__ import annotations
 
@@ -13,23 +14,23 @@ from umo.cycle.image import Image
 from umo.cycle.writes import Changed, Turn
 
 FIRST, LOOKED_AT, OF = 10, 3, 1000
-"""Number of the first period in which writes are examined; number of consecutive examined periods; number of periods of
-a cycle."""
+"""FIRST: the number of the first period in which writes are examined. LOOKED_AT: the number of consecutive periods that
+are examined. OF: the number of periods from one examination to the next."""
 
 
 class SampledWrites:
     """The facts that the extension collects for every write, collected in some periods only."""
 
     def __init__(self, image: Image, commands: CommandStage, turn: Turn, changed: Changed) -> None:
-        """`changed`: called before another writer than the last one writes another value."""
+        """`changed`: the function that is called before a writer other than the last one writes another value."""
         self._image, self._commands, self._turn, self._changed = image, commands, turn, changed
         self._written: Any = image.columns.written.data
         self._owners: dict[int, Any] = {}
-        """The last writer of each actuator since writes are observed."""
+        """The last writer of each actuator since the observation of writes began."""
         self._looks = False
 
     def begin_period(self) -> None:
-        """Called in each period, before laws and sequences."""
+        """Begin a period. Called in each period, before laws and sequences."""
         looks = (self._image.clock.number - FIRST) % OF < LOOKED_AT
         if looks or self._looks:
             self._go_on(looks)

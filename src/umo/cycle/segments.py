@@ -1,5 +1,5 @@
-"""The calls of drivers outside of a period: they are opened and closed, their objects initialised, reset and finalised.
-A sign of life precedes each call, as the call may wait."""
+"""The calls of drivers outside of a period: drivers are opened and closed, and their objects are initialised, reset and
+finalised. A heartbeat precedes each call, because the call may wait."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from umo.wiring.wired import Wired
 SETTLE = 0.25
 """Minimum time in s for a device to carry out pending requests."""
 MAX_SETTLE = 1.0
-"""Largest such time, for a device with a long timeout."""
+"""The largest time in s for this, for a device with a long timeout."""
 UNCONTROLLED_TIMEOUT = 3.0
 """Timeout in s of a driver's call while nothing is controlled: when connecting, and for the guardian's resets. A device
-that serves one connection at a time may need long to release the one before."""
+that serves one connection at a time may need a long time to release the previous connection."""
 WAIT_SLICE = 0.05
-"""Time in s between two signs of life while waiting."""
+"""The time in s between two heartbeats while waiting."""
 LATE_TIME = 0.5
-"""Time in s, plus twice its timeout, for which a driver that timed out is served last."""
+"""The time in s for which a driver that timed out is served last, in addition to twice its timeout."""
 T = TypeVar("T")
 _JOURNAL_KINDS = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
 
@@ -38,7 +38,7 @@ class DriverSegments:
         self._transfer = transfer
         self.drivers = wired.drivers
         self.on_call: Callable[[], object] = lambda: None
-        """Function that is called before each of these calls, as a sign of life."""
+        """The function that is called before each of these calls, as a heartbeat."""
         for driver in self.drivers.values():
             if isinstance(driver, OffCycle):
                 driver.pause = self._wait_for_worker
@@ -94,8 +94,9 @@ class DriverSegments:
         patient: bool = True,
     ) -> Iterator[tuple[int, Failure | None]]:
         """Reset (or initialise) each slot in turn; a failure never stops the others. The slots of a driver that does
-        not answer in time are reset last, so that they do not delay the others. If not `patient`, they are left out:
-        the next attempt then opens one more connection, not one for each slot. `begin` is called with each slot."""
+        not answer in time are reset last, so that they do not delay other slots. If `patient` is False, these slots are
+        left out: the next attempt then opens one more connection, not one for each slot. `begin` is called with each
+        slot."""
         wires, defaults = self._transfer.wires, self._transfer.defaults
         if not patient:
             self._transfer.late.clear()
@@ -134,13 +135,13 @@ class DriverSegments:
 
 
 def settling(wired: Wired) -> float:
-    """The time in s that a device may take to carry out requests that were still in progress when it began to answer
-    again."""
+    """Return the time in s that a device may take to carry out requests that were still in progress when it began to
+    answer again."""
     return max([SETTLE, *(min(wired.drivers[name].timeout, MAX_SETTLE) for name in wired.hardware)])
 
 
 def wait_for(seconds: float, pause: Callable[[float], object], on_call: Callable[[], object]) -> None:
-    """Wait in slices, each with a sign of life."""
+    """Wait in slices, each with a heartbeat."""
     while seconds > 0:
         on_call()
         pause(min(WAIT_SLICE, seconds))

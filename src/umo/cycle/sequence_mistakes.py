@@ -1,5 +1,5 @@
-"""The texts for mistakes with sequences: an argument that is not a condition, not a sequence, or cannot be awaited.
-Each text says what to write instead."""
+"""The messages for errors with sequences: an argument that is not a condition, not a sequence, or cannot be awaited.
+Each message says what to write instead."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from umo.states import TwoState, shown
 from umo.text import cut_repr, is_own, str_of
 
 AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
-"""Words of a message: what a sequence can await."""
+"""The part of a message that says what a sequence can await."""
 
 
 def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
-    """The text for a sequence that a function has called and that is never awaited. `in_sequence`: whether the calling
-    function is a sequence itself."""
+    """Return the message for a sequence that a function has called and that is never awaited. `in_sequence`: whether
+    the calling function is itself a sequence."""
     instead = "write `await` before it" if in_sequence else "write `cycle.start(...)` around it"
     if function in MAKING:
         instead = f"nothing runs yet in `{function}`: await it in the application"
@@ -33,8 +33,8 @@ def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
 
 
 def no_machine(application: Any) -> str:
-    """The text for an application that cannot take the machine as its first argument, or "" if it can, or this is not
-    known."""
+    """Return the message for an application that cannot take the machine as its first argument; "" if it can, or if
+    this is not known."""
     try:
         given = list(inspect.signature(application).parameters.values())
     except (TypeError, ValueError):
@@ -46,7 +46,8 @@ def no_machine(application: Any) -> str:
 
 
 def meant_await(error: BaseException) -> str:
-    """Return the mistake in an `await`, more precisely than Python; "" if another cause is likely."""
+    """Return a message about the error in an `await` that is more precise than Python's; "" if another cause is
+    likely."""
     text = str_of(error) if type(error) in (RuntimeError, TypeError) else ""
     if text == "no running event loop":  # asyncio.sleep, for one
         return f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}"
@@ -60,7 +61,7 @@ def meant_await(error: BaseException) -> str:
 
 
 def instead_of_sequence(given: object) -> str:
-    """Return a text that names the object passed in place of a sequence, and what to write instead."""
+    """Return a message that names the object passed in place of a sequence, and says what to write instead."""
     if inspect.iscoroutinefunction(given):
         name = getattr(given, "__name__", "it")
         return f"{name} is an `async def` function and was not called: write `{name}()`"
@@ -73,8 +74,8 @@ def instead_of_sequence(given: object) -> str:
 
 def check_condition(function: str, condition: object) -> None:
     """Check a condition. Raises TypeError for an object that cannot be called in each period, such as the result of a
-    comparison, and for a sequence. Only for `function` itself, an `async def`: it searches the call in the surrounding
-    code."""
+    comparison, and for a sequence. The check searches the call in the surrounding code, so it may only be called by
+    `function` itself, which is an `async def`."""
     if type(condition) is FunctionType and not condition.__code__.co_flags & inspect.CO_COROUTINE:
         return  # nearly always
     if not callable(condition) or isinstance(condition, type):
@@ -135,8 +136,8 @@ def _argument_in(text: str, function: str) -> str:
 
 
 def calls_in(text: str, name: str) -> Iterator[tuple[str, ast.Call]]:
-    """The calls of a function in a piece of source, such as a line that begins a block, each with the statement that
-    contains it."""
+    """Return the calls of a function in a piece of source, such as a line that begins a block, each with the statement
+    that contains it."""
     for whole in (text, f"{text} pass", f"{text} pass".removeprefix("el")):
         try:
             nodes = ast.walk(ast.parse(whole))
@@ -146,7 +147,7 @@ def calls_in(text: str, name: str) -> Iterator[tuple[str, ast.Call]]:
 
 
 def called_name(call: ast.Call) -> str:
-    """The name of the called function: `until` for `control.until(...)`."""
+    """Return the name of the called function: `until` for `control.until(...)`."""
     function: Any = call.func
     name: str = getattr(function, "attr", getattr(function, "id", ""))
     return name

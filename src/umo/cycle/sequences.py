@@ -1,7 +1,8 @@
 """Sequences: application code as `async def` functions that the cycle itself advances, one step per period.
 
-There is no asyncio loop: `coroutine.send` once per period, before the root's `control`. A sequence may await the
-functions of this module, of `parallel` and of `lock`, and the motions built on them; anything else is a TypeError.
+There is no asyncio loop: the cycle calls `coroutine.send` once per period, before the root's `control`. A sequence may
+await the functions of this module, of `parallel` and of `lock`, and the motions built on them; anything else is a
+TypeError.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ Routine = Coroutine[Any, Any, Any]
 
 
 class Containing(Protocol):
-    """Handles sequences that have failed (`umo.cycle.equipment.Containment`)."""
+    """An object that handles sequences that have failed (`umo.cycle.equipment.Containment`)."""
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
         """Handle the failure of a sequence. Return True if the machine continues."""
 
     def is_in_fault(self, node: Node | None) -> bool:
-        """True if this part of the machine is in fault, so that nothing in it continues."""
+        """Return True if this part of the machine is in fault, so that nothing in it continues."""
 
     def gather(self) -> None:
         """Collect failures from now on, to settle them together."""
@@ -85,8 +86,8 @@ _ADOPTING: set[CodeType] = set()
 
 
 def adopting(function: Adopting) -> Adopting:
-    """Decorator of an `async def` function: a started sequence among its arguments is a part of it. The started
-    sequence is cancelled with the function's sequence, even if that never began."""
+    """Decorate an `async def` function so that a started sequence among its arguments belongs to the function's
+    sequence. The started sequence is cancelled with the function's sequence, even if the latter never began."""
     _ADOPTING.add(function.__code__)
     return function
 
@@ -97,8 +98,8 @@ def _who() -> Generator[object, Any, Task | None]:
 
 
 async def own_task(what: str) -> Task:
-    """The innermost task that advances the sequence that calls this. Raises TaskFailed if none does; `what` names the
-    function that needs it."""
+    """Return the innermost task that advances the sequence that calls this. Raises TaskFailed if none does; `what`
+    names the function that needs it."""
     found = await _who()
     if found is None:
         raise TaskFailed(f"{what} can be used only in a sequence that the cycle advances")
@@ -107,7 +108,8 @@ async def own_task(what: str) -> Task:
 
 @coroutine
 def one_period() -> Generator[object, Clock, Clock]:
-    """`next_period` for umo's own sequences: quicker, and a forgotten `await` is not reported."""
+    """Wait for the next period like `next_period`, for sequences of umo: this function is quicker and does not report a
+    forgotten `await`."""
     return (yield _PERIOD)
 
 
@@ -122,8 +124,9 @@ async def wait(duration: str | float) -> None:
 
 
 async def until(condition: Callable[[], bool], timeout: str | float | None = None, *, stays: str | float = 0.0) -> None:
-    """Wait until the condition is true, and has been true in every period for the time `stays`. It is evaluated at
-    once, then once per period. TimeExpired after `timeout` (default: no timeout). Times are in s, or texts ("20 ms").
+    """Wait until the condition is true and has been true in every period for the time `stays`. The condition is
+    evaluated immediately, then once per period. Raises TimeExpired after `timeout` (default: no timeout). Times are in
+    s, or strings ("20 ms").
     """
     check_condition("until", condition)
     steady = in_seconds(stays)
@@ -193,8 +196,9 @@ class timeout(AsyncBlock):
             await axis.home()
             await gripper.open()
 
-    TimeExpired if the block has not ended after the time in s (or a text). Whatever the block awaits is cancelled, even
-    a started sequence. A block that ends in the period of its limit is in time. Missed periods count.
+    Raises TimeExpired if the block has not ended after this time, in s or as a string. Everything that the block awaits
+    is then cancelled, even a started sequence. A block that ends in the period of its limit is in time. Missed periods
+    count.
     """
 
     def __init__(self, duration: str | float) -> None:
@@ -228,7 +232,7 @@ class timeout(AsyncBlock):
         self._passed += tick.ticks
 
     def expires(self, tick: Clock) -> Cancelled | None:
-        """The error to cancel the block with, if the time is over for the first time."""
+        """Return the error with which to cancel the block, if the time is over for the first time."""
         if self._expiry is not None or self._passed < _whole_periods(self._limit, tick.period):
             return None
         self._expiry = Cancelled()
@@ -236,10 +240,10 @@ class timeout(AsyncBlock):
 
 
 class Task(Waiter):
-    """A sequence that the cycle advances: one that was started, or one that runs in parallel with others in `parent`.
-    `part`: the object of the machine to which it belongs. `contain` is called with its failure, and returns whether the
-    machine continues. `end_within` makes the calls that end it when it is cancelled. `current`: the object that holds
-    the current task of its machine."""
+    """A sequence that the cycle advances: a started sequence, or one that runs in parallel with others in `parent`.
+    `part`: the object of the machine to which the task belongs. `contain` is called with the failure of the task, and
+    returns whether the machine continues. `end_within` makes the calls that end the task when it is cancelled.
+    `current`: the object that holds the current task of the machine."""
 
     def __init__(
         self,
@@ -257,7 +261,7 @@ class Task(Waiter):
         self.sequence = sequence
         self.part: Any = part if parent is None else parent.part
         self.number = 0
-        """The place of a started sequence in the order started."""
+        """The index of a started sequence in the order of starting."""
         self.started_in = 0
         """The number of the period in which it was started."""
         self._contain, self._end_within = contain, end_within
@@ -267,20 +271,21 @@ class Task(Waiter):
         self.done = False
         self.result: Any = None
         self.error: BaseException | None = None
-        """The error that ended it; the sequence that awaits it takes it. Frames must not refer to it, because such an
-        error is never freed while the garbage collector is off."""
+        """The error that ended the task. The sequence that awaits the task takes this error. Frames must not refer to
+        the error, because it would then never be freed while the garbage collector is off."""
         self._failure: Callable[[], str] | None = None
-        """Returns the text of this error."""
+        """The function that returns the text of this error."""
         self.of_application = True
-        """True if it belongs to the application, and not to an action of a client."""
+        """True if the task belongs to the application, and not to an action of a client."""
         self.clock: Clock | None = None
-        """The clock of the part by which it takes its steps; None means that of the machine."""
+        """The clock of the part, by which the task takes its steps; None means the clock of the machine."""
         self.limits: list[timeout] = []
-        """The time limits of the blocks that it is in, the outermost first."""
+        """The time limits of the blocks in which the task is, the outermost first."""
 
     def __await__(self) -> Generator[object, Any, Any]:
-        """Wait for its end in another sequence. Returns its result. Raises TaskFailed if it failed or was cancelled, or
-        if it waits for the awaiting sequence. If the awaiting sequence is cancelled, so is this one (as in asyncio)."""
+        """Wait in another sequence for the end of the task. Return the result of the task. Raises TaskFailed if the
+        task failed or was cancelled, or if it waits for the awaiting sequence. If the awaiting sequence is cancelled,
+        the task is cancelled too (as in asyncio)."""
         awaiting = yield from own_task(f"await {self.name}").__await__()
         if not self.done:
             self._refuse(awaiting)
@@ -314,18 +319,19 @@ class Task(Waiter):
 
     @property
     def started(self) -> Task:
-        """The sequence that was started: this one, or the one that runs this one in parallel (`together`, `first`)."""
+        """The sequence that was started: this task, or the task that runs this one in parallel with others (`together`,
+        `first`)."""
         return self if self.parent is None else cast(Task, self.parent).started
 
     @property
     def machine(self) -> object:
-        """Return an object that identifies the machine that advances it, or None."""
+        """An object that identifies the machine that advances the task, or None."""
         return self._current
 
     @expects_errors
     def advance(self, tick: Clock | None) -> bool:
-        """Advance by one step. Return True after the last one. The first step needs no tick. An error of the sequence
-        is raised here."""
+        """Advance by one step. Return True after the last step. The first step needs no tick. Raises the error of the
+        sequence, if there is one."""
         if self.done:
             return True
         if not self._begun:
@@ -372,9 +378,9 @@ class Task(Waiter):
             raise with_notes(TypeError(f"{text}{in_brackets(place_of(self.sequence))}"), cancel_all([self]))
 
     def cancel(self) -> None:
-        """Raise Cancelled inside the sequence. It may clean up but must not continue. A sequence that cancels
-        itself gets Cancelled at its next await. If its `finally` blocks raise an error, the
-        sequence has failed with this error."""
+        """Raise Cancelled inside the sequence. The sequence may clean up but must not continue. A sequence that cancels
+        itself gets Cancelled at its next await. If its `finally` blocks raise an error, the sequence has failed with
+        this error."""
         try:
             if self._end_within is None:
                 self.end()
@@ -385,7 +391,7 @@ class Task(Waiter):
                 raise
 
     def end(self) -> None:
-        """Cancel the sequence. An error that its `finally` blocks raise is raised here."""
+        """Cancel the sequence. Raises the error that its `finally` blocks raise, if there is one."""
         if self.done:
             return
         if getattr(self.sequence, "cr_running", False):
@@ -420,12 +426,13 @@ class Task(Waiter):
 
     @property
     def is_untold(self) -> bool:
-        """True if it has failed and its error is lost, because the sequence that awaited it was cancelled before it
-        took the error."""
+        """True if the task has failed and its error is lost, because the sequence that awaited the task was cancelled
+        before it took the error."""
         return self.error is not None and self._failure is None and not self.awaited_by
 
     def fail(self, error: BaseException, text: Callable[[], str] | None = None) -> None:
-        """End with this error, which releases its frames. `text` returns the text of the error."""
+        """End the task with this error, whose frames are released. `text` is a function that returns the text of the
+        error."""
         self.error, self._failure = error, text or text_later(error)
         forget_frames(error)
 
@@ -499,7 +506,7 @@ def cancel_all(tasks: list[Task]) -> list[BaseException]:
 
 
 def error_of(call: Callable[[], object]) -> BaseException | None:
-    """Return the error that a call raises, of any class: the outputs must still be reset."""
+    """Return the error that a call raises, whatever its class, because the outputs must still be reset."""
     try:
         call()
     except BaseException as error:
@@ -524,18 +531,18 @@ def _is_settled(task: Task) -> bool:
 
 
 class Sequences:
-    """All sequences that run in parallel on one machine. `faults` is notified of those that have failed."""
+    """All sequences that run in parallel on one machine. `faults` is notified of sequences that have failed."""
 
     def __init__(self, faults: Containing | None = None, current: Turn | None = None) -> None:
         self._faults = faults or _Uncontained()
         self.of_application = current is None
         """True if the sequences belong to the application, and not to an action."""
         self.current = current or make_turn()
-        """The task that takes a step in the machine at this moment."""
+        """The task that now takes a step in the machine."""
         self._tasks: dict[Task, None] = {}
         """The tasks in the order started."""
         self._tasks_of: dict[int, dict[Task, None]] = {}
-        """The same of each object, by its id."""
+        """The tasks of each object, by the id of the object."""
         self._number = 0
         self._advancing = False
         self.paused = False
@@ -543,7 +550,7 @@ class Sequences:
         self.progress = ""
         """The last progress of the sequences."""
         self.end_within: Callable[[Callable[[], Any]], Any] | None = None
-        """Function through which the sequences are ended when they are cancelled, or None to end them directly."""
+        """The function that ends the sequences when they are cancelled; None to end them directly."""
 
     @property
     def running(self) -> bool:
@@ -552,20 +559,20 @@ class Sequences:
 
     @property
     def places(self) -> list[str]:
-        """The place at which each waits, in the user's code."""
+        """The place in the user's code at which each sequence waits."""
         return [place_of(task.sequence) for task in self._tasks]
 
     @property
     def frames(self) -> list[list[FrameType]]:
-        """The frames in which each waits, the outermost first."""
+        """The frames in which each sequence waits, the outermost first."""
         return [frames_of(task.sequence) for task in self._tasks]
 
     def others(self) -> Sequences:
-        """Create another group of sequences of the same machine, which is empty."""
+        """Return a new, empty group of sequences of the same machine."""
         return Sequences(self._faults, self.current)
 
     def task(self, sequence: Routine, part: Any = None) -> Task:
-        """Create a task of this machine that the caller advances."""
+        """Return a new task of this machine that the caller advances."""
         task = Task(sequence, part, current=self.current)
         task.of_application = self.of_application
         return task
@@ -591,8 +598,8 @@ class Sequences:
         return end() if self.end_within is None else self.end_within(end)
 
     def advance(self, tick: Clock, clock: Clock | None = None) -> None:
-        """Advance each sequence with this clock by one step, in the order started, unless another one has just failed.
-        The first error that is not contained is raised; it does not cancel other sequences."""
+        """Advance each sequence with this clock by one step, in the order of starting, unless another sequence has just
+        failed. The first error that is not contained is raised; it does not cancel other sequences."""
         if not self._tasks or self.paused:
             return
         if self._advancing:
@@ -620,8 +627,8 @@ class Sequences:
             faults.settle()
 
     def end_in(self, nodes: Iterable[int], fault: Callable[[], BaseException]) -> list[BaseException]:
-        """Cancel those of the objects with these ids, the last started first; sequences that await one get the fault.
-        Return the errors of their `finally` blocks."""
+        """Cancel the sequences of the objects with these ids, the last started first. Sequences that await a cancelled
+        one get the fault. Return the errors of the `finally` blocks."""
         if not self._tasks:
             return []
         of_part = self._tasks_of
@@ -638,8 +645,8 @@ class Sequences:
         return errors
 
     def cancel(self) -> None:
-        """On stop: cancel each sequence, the last started first. Then the first error of their cleanup is raised; the
-        others are added to it as notes."""
+        """Cancel each sequence because the machine stops, the last started first. Then raise the first error of their
+        cleanup, with the other errors as notes."""
         errors: list[BaseException] = []
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks, self._tasks_of = list(self._tasks), {}, {}

@@ -20,7 +20,7 @@ log = logging.getLogger("umo")
 MAX_OBSERVER_TEXT = 200
 """Largest length of an observer's name in the log, in characters."""
 INJECTED = "injected_faults"
-"""The signal of a run with faults: the number of faults in effect."""
+"""The signal of a run with injected faults: the number of faults in effect."""
 
 
 class Showing(Capability):

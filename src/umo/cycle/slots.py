@@ -27,11 +27,11 @@ from umo.wiring.wired import Wire, Wired
 
 
 class Slots:
-    """The numbers of a machine's objects; an object holds its index, its slot."""
+    """The numbers of a machine's objects. An object holds its index, which is called its slot."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
-        """`equipment`: number of compounds that are declared as equipment; `axes`, `alarms`: numbers of axes and
-        alarms."""
+        """`equipment`: the number of compounds that are declared as equipment. `axes`, `alarms`: the numbers of axes
+        and alarms."""
         self.clock = clock
         self.events = Events()
         """The events of the machine: noted in a period, and completed when its outputs were sent."""
@@ -65,12 +65,12 @@ class Slots:
         self.outputs = [block for block in outputs if not isinstance(block.driver, OffCycle)]
         """The blocks that are sent in periods."""
         self._block_of: list[Block | None] = [None] * count
-        """The block in which each slot stands; None for what is asynchronous."""
+        """The block of each slot; None for an asynchronous object."""
         for block in self.blocks:
             self._block_of[block.slots] = [block] * (block.stop - block.start)
         slow = [block for block in self.blocks if block.part != MACHINE_RATE]
         self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
-        """The slots of parts that have rates of their own."""
+        """The slots of parts that do not have the machine's rate."""
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
         """True if all of `sampled` are GOOD; None if a quality has changed since the last check."""
@@ -105,7 +105,7 @@ class Slots:
         return value if linearization is None else linearization.to_value(value)
 
     def nearest(self, slot: int, value: float) -> int:
-        """The raw integer nearest to a value, even outside the range."""
+        """Return the raw integer nearest to a value, even outside the range."""
         scales, linearization = self.scales, self.scales.linearizations[slot]
         quantity = value if linearization is None else linearization.to_input(value)
         return to_raw(quantity, scales.resolution.item(slot), scales.zero_offset.item(slot))

@@ -13,11 +13,11 @@ class Stage(NamedNumber):
     """The stage of a run. The numbers are stored in shared memory and keep their meaning."""
 
     STARTING = 0
-    """The drivers are being opened, the objects initialised."""
+    """The drivers are being opened, and the objects are being initialised."""
     RUNNING = 1
     """The loop runs."""
     STOPPING = 2
-    """The actuators are being brought to their defaults, the drivers closed."""
+    """The actuators are being brought to their defaults, and the drivers are being closed."""
     ENDED = 3
     """The run, or its processes, have ended."""
 
@@ -28,7 +28,7 @@ class Progress(NamedTuple):
     text: str = ""
     done: int = 0
     total: int = 0
-    """The total amount of work, or 0 if not known."""
+    """The total amount of work; 0 if it is not known."""
 
     def then(self, text: str, done: int | None, total: int | None) -> Progress:
         """Return the next progress; a number that is None does not change. Raises RangeError unless the numbers are

@@ -1,4 +1,4 @@
-"""Stand-ins for a driver that is away, or that was found and is being tried (`drivers_away.py`)."""
+"""The stand-ins for a driver that is away, or that was found and is being tried (`drivers_away.py`)."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ class NotCalled(DeviceTimeout):
 
 
 class NobodyAway:
-    """Used where no driver is away, or where that is not checked: every call is made, and waits. `DriversAway` replaces
-    it while a machine runs."""
+    """The object in use if no driver is away, or if this is not checked: every call is made, and waits. `DriversAway`
+    replaces this object while a machine runs."""
 
     tried: Callable[[str, int], object] = staticmethod(lambda name, ns: None)
-    """Function that is called with the name of a driver and the ns that a look or an attempt has taken."""
+    """The function that is called with the name of a driver and the time in ns that a look or an attempt has taken."""
 
     def is_away(self, driver: Driver[Any]) -> bool:
-        """True if calls of this driver are refused."""
+        """Return True if calls of this driver are refused."""
         return False
 
     def is_unknown(self, driver: Driver[Any]) -> bool:
-        """True if calls of this driver are refused, and it is not known yet whether its device answers."""
+        """Return True if calls of this driver are refused, and it is not known yet whether its device answers."""
         return False
 
     def failed(self, driver: Driver[Any], error: BaseException, timed_out: bool, write: bool) -> None:
@@ -40,7 +40,7 @@ class NobodyAway:
 
 
 class Away:
-    """Replaces a driver that is away: every call fails immediately."""
+    """The stand-in for a driver that is away: every call fails immediately."""
 
     def __init__(self, refusal: Callable[[], NotCalled]) -> None:
         self._refusal = refusal
@@ -52,9 +52,9 @@ class Away:
 
 
 class Tried:
-    """Replaces a driver that was found: it reports the first call that succeeds, and the ns that each call for one
-    object takes. Calls for blocks are measured with the period's transfers. `now` is the clock in s by which a call has
-    taken too long."""
+    """The stand-in for a driver that was found. It reports the first call that succeeds, and the time in ns of each
+    call for one object. Calls for blocks are measured with the period's transfers. `now` is the clock in s by which a
+    call has taken too long."""
 
     def __init__(
         self,

@@ -23,11 +23,11 @@ _insistence: list[StopSignals] = []  # one, from the first signal to the end of 
 
 
 class StopFlag:
-    """`requested` becomes true at the first signal. Further ones end the user's code that does not end by itself; they
-    do not interrupt a reset.
+    """The request to stop: `requested` becomes true at the first signal. Further signals end user code that does not
+    end by itself; they do not interrupt a reset.
 
-    One signal stops every machine of the process. Python handles signals only in the main thread, so while no machine
-    is connected there, the flags are set only by `request`.
+    One signal stops every machine of the process. Python handles signals only in the main thread. So while no machine
+    is connected in the main thread, only `request` sets the flags.
     """
 
     def __init__(self) -> None:
@@ -41,13 +41,13 @@ class StopFlag:
         self.thread: threading.Thread = threading.main_thread()
         """The thread in which it is connected."""
         self.is_leaving = False
-        """True if its actuators are being reset at its end."""
+        """True if the machine's actuators are being reset at its end."""
         self.time_over = False
-        """True if a `TimeLimit` has requested it."""
+        """True if a `TimeLimit` has requested the stop."""
         self.end_wait: Callable[[], object] = lambda: None
         """Function that is called at each request, and ends the wait of the machine's timer."""
         self.insists = True
-        """True if further signals end code that does not end by itself. A guardian does that for its control
+        """True if further signals end code that does not end by itself. False if a guardian does this for its control
         process."""
         self.call_limit: Callable[[], float] = lambda: 0.0
         """Time in s after which a call of one of the machine's drivers counts as hanging."""
@@ -81,8 +81,8 @@ class StopFlag:
         return self.thread is threading.main_thread()
 
     def is_first_signal(self) -> bool:
-        """True if this is the first signal of the operating system, so it is True only once. It works in one step,
-        because a signal may interrupt the handler of another one."""
+        """Return True if this is the first signal of the operating system; the result is therefore True only once. The
+        function works in one step, because a signal may interrupt the handler of another one."""
         return self._to_come.pop("first signal", False)
 
     def request(self, number: int | None = None) -> None:
@@ -105,7 +105,7 @@ class TimeLimit:
 
 
 def request_stop(number: int | None = None) -> None:
-    """Ask every connected machine of this process to stop, as a signal does."""
+    """Request every connected machine of this process to stop, as a signal does."""
     for flag in connected():
         flag.request(number)
 
@@ -116,7 +116,8 @@ def connected() -> tuple[StopFlag, ...]:
 
 
 def end_forked(title: str) -> NoReturn:
-    """End a process that the user's code forked, when it is about to use a device of the machine with this title."""
+    """End a process that the user's code has forked, when the process is about to use a device of the machine with this
+    title."""
     say_without_waiting(
         f"umo: {title}: control code forked process {os.getpid()}, which was ended because it tried to drive the "
         "machine too; start programs with subprocess"
@@ -134,7 +135,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def usual_handler(number: int) -> object:
-    """The handler of a signal while no machine is connected."""
+    """Return the handler of a signal while no machine is connected."""
     return _before.get(number, signal.getsignal(number))
 
 

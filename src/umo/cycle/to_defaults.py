@@ -1,4 +1,4 @@
-"""The ways of the image to the defaults: how an actuator is moved there, and how a device continues after it was
+"""The ways in which the image brings actuators to their defaults, and the continuation of a device after it was
 initialised."""
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ class ToDefault(Enum):
     """The way in which an actuator is moved when it is brought to its default."""
 
     RESET = auto()
-    """The driver's `reset`, now and without a rate."""
+    """The driver's `reset` is called now, and the rate is not limited."""
     INITIALIZE = auto()
-    """The driver's `initialize`, now and without a rate."""
+    """The driver's `initialize` is called now, and the rate is not limited."""
     SEND = auto()
-    """The outputs of the period send it, within the rate; an asynchronous actuator is written now."""
+    """The period sends the default with its outputs, within the rate; an asynchronous actuator is written now."""
     IS_THERE = auto()
-    """Nothing is sent, as the device has already been initialised."""
+    """Nothing is sent, because the device has already been initialised."""
 
 
 class Taken(link.Claims, Protocol):
@@ -41,11 +41,11 @@ class Gate(Protocol):
     """The command stage, which checks writes that the column `restrictions` marks (`umo.cycle.command_stage`)."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        """True if a value within the range may be written; Interlocked if an interlock with the effect "stop" inhibits
-        it."""
+        """Return True if a value within the range may be written; raises Interlocked if an interlock with the effect
+        "stop" inhibits it."""
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        """Handle many writes at once, each with its answer. If it raises Interlocked, none was accepted."""
+        """Handle many writes in one call. Return an answer for each. If it raises Interlocked, none was accepted."""
 
     def rest(self, slot: int) -> None:
         """Note that the actuator is being brought to its default, so that earlier writes no longer count."""
@@ -58,14 +58,14 @@ class ImageDefaults(ImageInputs, ImageOutputs):
     commands: Gate
 
     def settle(self, slots: Iterable[int], way: ToDefault) -> dict[int, Failure]:
-        """Bring actuators to their defaults; this is the only way. Before the first one is written, all earlier writes
-        are void, and all defaults are pending. The sensors among them are reset or initialised by their driver. Return
-        the failures by slot; a failure never stops the others."""
+        """Bring actuators to their defaults. This function is the only way to do so. Before the first one is written,
+        all earlier writes are void, and all defaults are pending. The sensors among them are reset or initialised by
+        their driver. Return the failures by slot; a failure never stops the others."""
         return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
 
     def settling(self, slots: Iterable[int], way: ToDefault) -> Iterator[tuple[int, Failure | None]]:
-        """Bring outputs to their defaults, yielding each actuator after its write: so that after an interruption it is
-        known which ones remain."""
+        """Bring outputs to their defaults. Yield each actuator after its write, so that after an interruption it is
+        known which actuators remain."""
         slots = list(slots)
         for slot in slots:
             if self.items[slot].direction is Direction.OUTPUT:
@@ -110,16 +110,16 @@ class ImageDefaults(ImageInputs, ImageOutputs):
         self.deliveries[slot].refused(slot)
 
     def path_if_default_kept(self, slot: int) -> str:
-        """The path of an actuator that is away from its default, and that will stay at its default once its device is
-        initialised again, because nothing sends its value again. "" for any other object."""
+        """Return the path of an actuator that is away from its default, and that will stay at its default once its
+        device is initialised again, because nothing sends its value again. "" for any other object."""
         item = self.items[slot]
         stays = isinstance(item, Actuator) and not (self.deliveries[slot].survives(slot) or self.is_at_default(slot))
         return item.path if stays else ""
 
     def initialize_again(self, slot: int) -> Failure | None:
-        """Note that a device that was away is at its default, from where `update` continues to the pending value. The
-        value of an asynchronous actuator is sent again if it retries; otherwise it stays at its default. An incremental
-        sensor becomes unreferenced."""
+        """Note that a device that was away is at its default. `update` continues from there to the pending value. The
+        value of an asynchronous actuator with on_error="retry" is sent again; any other asynchronous actuator stays at
+        its default. An incremental sensor becomes unreferenced."""
         if (failure := self.segments.initialize(slot)) is None:
             self.was_initialized_again(slot)
         return failure

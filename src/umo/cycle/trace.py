@@ -1,4 +1,4 @@
-"""Statistics and trace of a run, in bounded memory for any length of the run."""
+"""Statistics and trace of a run. Their memory is limited, however long the run is."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ MAX_ROWS = 100_000
 MAX_BYTES = 32_000_000
 """Largest size of a trace, with the copy that is made while it grows or is thinned."""
 MAX_NOTES = 4096
-"""Largest number of texts of the progress that are kept; of more, every second one is dropped."""
+"""The largest number of texts of the progress that are kept. If there are more, every second one is dropped."""
 HALVINGS = 6
 """Number of times that the memory of a trace is doubled; it begins with a 64th of its rows."""
 
 
 class Statistics:
-    """Counts every period and keeps the execution times of the last `capacity` ones, in us."""
+    """Statistics that count every period and keep the execution times in us of the last `capacity` periods."""
 
     def __init__(self, capacity: int = 1_000_000) -> None:
         self._times = np.empty(capacity, np.float32)
@@ -50,8 +50,9 @@ class Statistics:
 class Trace:
     """The trace of a run, with a row per period: time in s, missed, execution time in us, then the values of the
     objects and of the signals. NaN stands for a BAD value, and for a signal without a value. When the rows are full,
-    every second one is dropped, and from then on only every second period is kept, and so on, so that the trace covers
-    the whole run. The number of rows is as requested, or smaller if these would take more than `MAX_BYTES` bytes.
+    every second row is dropped, and from then on only every second period is kept. This is repeated, so that the trace
+    covers the whole run. The number of rows is the requested one, or smaller if the rows would take more than
+    `MAX_BYTES` bytes.
     """
 
     def __init__(self, rows: int = MAX_ROWS) -> None:
@@ -62,7 +63,7 @@ class Trace:
         self.items: list[Atomic] = []
         self.signals: Sequence[Signal] = ()
         self.stride = 1
-        """Number of periods for which one row was kept."""
+        """The number of periods of which one row was kept."""
         self.notes: list[tuple[float, str]] = []
         """The texts of the progress, each with the time in s at which it began."""
 
@@ -119,7 +120,7 @@ class Trace:
         return self._used == self._capacity
 
     def clear(self) -> None:
-        """Forget the rows and notes so far; the next period is kept."""
+        """Delete the rows and notes so far. The next period is kept."""
         self._used = self._periods = 0
         self.stride = 1
         self.notes.clear()
@@ -131,13 +132,14 @@ class Trace:
 
     @property
     def columns(self) -> list[str]:
-        """`time_s`, `missed`, `execution_us`, then each path with its unit, or with the names of its states and their
-        numbers (of a binary object, its state 1); then the signals likewise."""
+        """The names of the columns: `time_s`, `missed`, `execution_us`, then the path of each object with its unit, or
+        with the names of its states and their numbers (for a binary object, with its state 1); then the signals in the
+        same form."""
         signals = [column_heading(signal.path, signal.unit, signal.states) for signal in self.signals]
         return ["time_s", "missed", "execution_us", *(described(item).heading for item in self.items), *signals]
 
     def place(self, shown: Atomic | Signal) -> int:
-        """The column of an object or a signal in `rows`."""
+        """Return the column of an object or a signal in `rows`."""
         if isinstance(shown, Signal):
             return 3 + len(self.items) + self.signals.index(shown)
         return 3 + self.items.index(shown)
@@ -149,8 +151,8 @@ class Trace:
 
 
 def lines(trace: Trace, after: float | None = None) -> Iterator[str]:
-    """The lines of its CSV file: the columns, then one line per row; if `after` is given, only the rows later than this
-    time in s."""
+    """Return the lines of the CSV file of a trace: the columns, then one line per row. If `after` is given, return only
+    the rows later than this time in s."""
     text = StringIO(newline="")
     writer = csv.writer(text)
     rows = trace.rows

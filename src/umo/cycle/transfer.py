@@ -1,7 +1,8 @@
 """The transfer stage: every call of a driver is made here, for the image and for the guardian.
 
-It has all that every call needs: the journal, the mapping of exceptions to the objects concerned, and the list of
-drivers that do not answer. `callees.py` has the receivers of calls, `segments.py` the calls outside of a period.
+This stage has everything that a call needs: the journal, the mapping of exceptions to the objects concerned, and the
+list of drivers that do not answer. `callees.py` has the receivers of calls, `segments.py` the calls outside of a
+period.
 """
 
 from __future__ import annotations
@@ -56,25 +57,25 @@ class Transfer:
             driver = timer_wire.driver
             self._names.setdefault(id(driver), self._names.get(id(getattr(driver, "timer", None)), "timer"))
         self._known = [(wire.path, wire.channel.text, self._names.get(id(wire.driver), "")) for wire in wires]
-        """Path, text of the channel and name of the driver of each object."""
+        """The path of each object, the text of its channel and the name of its driver."""
         self._memory = np.zeros(len(wires), np.int64) if raws is None else raws
         self.raws: Any = self._memory.data  # a memoryview: quicker than numpy's items
         """The raw value that each object last had at the hardware."""
         self.journal: Journal | None = None
         """The journal of transfers of single objects; None if it is not used."""
         self.now: Callable[[], float] = monotonic
-        """The clock in s by which a call has taken too long."""
+        """The clock in s that determines whether a call has taken too long."""
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
         self.has_ticked: Callable[[int], object] | None = None
-        """Called with the duration in ns of a read that was not made by `tick`."""
+        """The function that is called with the duration in ns of a reading that was not made by `tick`."""
         self.defaults = [wire.default for wire in wires]
-        """The raw integer of each actuator's default, None for a sensor: computed once, as a reset must not depend on a
-        user-defined linearization."""
+        """The raw integer of each actuator's default; None for a sensor. It is computed once, because a reset must not
+        depend on a user-defined linearization."""
         self.late: dict[int, float] = {}
         """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
-        """True if a write to hardware failed that the device may still carry out."""
+        """True if a write to hardware has failed, but the device may still carry it out."""
 
     # Blocks: a whole period ----------------------------------------------------------------------------
 
@@ -85,7 +86,7 @@ class Transfer:
             self.tick, self.has_ticked = self.wires[self.timer].driver.read, None
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call reach a driver any more: in its place `instead` is called, which does not return."""
+        """Replace every call of a driver by `instead`, which does not return."""
         self.tick, self.has_ticked = instead, None
         self.wires = self._callees = self.callees.of = _Refused(instead)
         self.callees.refuse(instead)
@@ -218,7 +219,7 @@ class Transfer:
         self, slot: int, kind: Kind, error: ErrorKind = ErrorKind.NONE, raw: int | None = None, time: float = nan
     ) -> None:
         """Add an event of this object, whose level did not change, to the journal, if there is one. `raw` is the value
-        to be written; `time` the time of a value from a worker process, or `OF_BLOCK`."""
+        to be written. `time` is the time of a value from a worker process, or `OF_BLOCK`."""
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
             self.journal.add(slot, kind, before if raw is None else raw, before, error, time)
@@ -231,12 +232,12 @@ class Transfer:
         raws: Sequence[int] | None = None,
         time: float = nan,
     ) -> None:
-        """Do the same for many objects, none of them the timer, in this order."""
+        """Add events of many objects to the journal, in this order. The timer must not be among them."""
         if self.journal is not None:
             self.journal.add_each(slots, kind, self._memory, error, raws, time)
 
     def note_look(self, driver: Driver[Any], found: bool | None) -> None:
-        """Add the result of a look for a driver that is away to the journal."""
+        """Add to the journal the result of a look for a driver that is away."""
         slot = next(slot for slot in self.callees.slots[id(driver)] if slot != self.timer)
         self.note(slot, Kind.LOOKED, raw=-1 if found is None else int(found))
 

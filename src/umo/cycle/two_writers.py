@@ -1,6 +1,6 @@
-"""Detects two writers of one actuator, neither of which has released it, and reports one event (docs/decisions/0082).
-It is called only when the writer of an actuator changes: with the extension in C at any write (`writes.py`), without it
-only in some periods (`sampled_writes.py`).
+"""The detection of two writers of one actuator that have both not released it. It is reported by one event
+(docs/decisions/0082). The code is called only when the writer of an actuator changes: with the extension in C at any
+write (`writes.py`), without it only in some periods (`sampled_writes.py`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MACHINE = {
 }
 """The files that call laws, sequences and actions."""
 LOOKED_AT = 100
-"""Largest number of the actuators whose changes of writers are examined in a period."""
+"""The largest number of actuators whose changes of writers are examined in a period."""
 
 
 class _Loop:
@@ -37,25 +37,25 @@ LOOP = _Loop()
 
 
 class WriterSeen(NamedTuple):
-    """The writer of an actuator, and since when."""
+    """The writer of an actuator, and the time since when it writes."""
 
     turn: object
-    """The task that was advanced then, as `ImageWrites` compares it."""
+    """The task that was advanced at the first write, in the form that `ImageWrites` compares."""
     who: Task | Compound | _Loop | None
-    """The sequence; the compound whose law it is; the program's own loop; None for a writer that may always write, such
-    as an action that a client has called."""
+    """The writer: a sequence, the compound that has the law, or the program's loop. None for a writer that may always
+    write, such as an action that a client has called."""
     place: CodePlace | None
-    """The place in the code at which it first wrote the actuator."""
+    """The place in the code at which the writer first wrote the actuator."""
     number: int
     """The number of the period."""
     at_default: bool = False
     """True if the first value was the default."""
     taken_from: WriterSeen | None = None
-    """The writer before, if it had not released the actuator."""
+    """The previous writer, if it had not released the actuator."""
 
     @property
     def has_stopped(self) -> bool:
-        """True if it has taken the actuator from another one to bring it to its default."""
+        """True if the writer has taken the actuator from another writer to bring the actuator to its default."""
         return self.at_default and self.taken_from is not None
 
     @property
@@ -75,30 +75,31 @@ class WriterSeen(NamedTuple):
 
 
 def control_of(compound: Compound) -> str:
-    """The law of a compound, as text."""
+    """Return the law of a compound, as text."""
     return f"control of {compound._path or type(compound).__name__}"
 
 
 class TwoWriters:
-    """Detects which code writes the actuators of one connected machine."""
+    """The detection of the code that writes the actuators of one connected machine."""
 
     def __init__(self, image: Image, turn: Turn) -> None:
         self._image, self._turn = image, turn
         self._written: Any = image.columns.written.data
         self._writers: dict[int, WriterSeen] = {}
-        """By slot, of those that were looked at."""
+        """The writers of the examined actuators, by slot."""
         self._number = -1
         """Number of the period."""
         self._looked_at: set[int] = set()
-        """The slots whose changes are looked at in it."""
+        """The slots whose changes are examined in this period."""
         self._found: dict[tuple[object, object], list[int]] = {}
-        """The slots for an event, by both places: slots that are written at the same places share an event."""
+        """The slots for an event, by the two places of the writes: slots that are written at the same two places share
+        an event."""
         columns = image.columns
         views = image.restrictions, image.pending, self._written, columns.owners.data
         self.writes: ImageWrites | None = make_writes(*views, turn, image.command, self.changed)
 
     def changed(self, slots: Sequence[int], before: Sequence[float], values: Sequence[float]) -> None:
-        """Note that another writer than before is about to write other values to these actuators."""
+        """Note that a writer other than the previous one is about to write other values to these actuators."""
         if self._number != self._image.clock.number:
             self._number = self._image.clock.number
             self._looked_at.clear()

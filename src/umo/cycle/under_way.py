@@ -1,4 +1,5 @@
-"""The active sequences, motions and actions of a machine: a fault of equipment ends those in it, a stop ends all."""
+"""The active sequences, motions and actions of a machine: a fault of equipment ends those in the equipment, a stop ends
+all."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ class ActiveWork:
         self.before_cancel: list[Callable[[], object]] = []
         """Functions that cancel all activities of others, before the sequences of the application."""
         self._moving: dict[int, list[Compound]] = {}
-        """Objects in each equipment that move by themselves, by the id of the compound: notified of its fault."""
+        """The objects in each equipment that move by themselves, by the id of the compound. They are notified of its
+        fault."""
         for each in equipment.all:
             nodes = (node for node in (each.compound, *walk(each.compound)) if isinstance(node, Compound))
             moving = [node for node in nodes if type(node)._enter_fault is not Compound._enter_fault]

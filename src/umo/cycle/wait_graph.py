@@ -1,9 +1,11 @@
-"""Records which sequences of a machine wait for which others, to find a wait that cannot end when it begins.
+"""The graph of the waits of a machine's sequences for each other. With it, a wait that cannot end is found when it
+begins.
 
 A sequence waits for a lock, for a started sequence, or for those that it runs in parallel. Before a sequence waits, the
 sequences that cannot continue before it has ended are found. If the one that it waits for is among them, the wait would
-never end, and TaskFailed is raised instead. A sequence that waits for a time or a condition can continue. So can one
-with a time limit, and one that `first` or `unless` may cancel, unless this cancels the sequence that begins to wait."""
+never end, and TaskFailed is raised instead. A sequence that waits for a time or a condition can continue. A sequence
+with a time limit can continue, too, and so can a sequence that `first` or `unless` may cancel, unless this would also
+cancel the sequence that begins to wait."""
 
 from __future__ import annotations
 
@@ -32,12 +34,12 @@ class Claimed(Protocol):
 
 
 class ParallelParts(NamedTuple):
-    """The sequences that another one runs in parallel."""
+    """The sequences that another sequence runs in parallel."""
 
     tasks: Sequence[Waiter]
     hold_up: Callable[[Iterable[bool]], bool]
-    """Function that decides whether they prevent it from continuing: `any` if it waits for all of them, `all` if they
-    are alternatives."""
+    """The function that decides whether the parts prevent the other sequence from continuing: `any` if this sequence
+    waits for all parts, `all` if the parts are alternatives."""
 
 
 class Waiter(ABC):
@@ -45,17 +47,17 @@ class Waiter(ABC):
 
     def __init__(self, parent: Waiter | None) -> None:
         self.parent = parent
-        """The sequence that runs it in parallel with others, or None if it was started."""
+        """The sequence that runs this one in parallel with others; None if this one was started."""
         self.awaited_by: list[Any] = []
-        """The sequences that await it."""
+        """The sequences that await this one."""
         self.waits_for: Claimed | Waiter | ParallelParts | None = None
-        """The object that it waits for; None for a time or a condition, or if it does not wait."""
+        """The object for which the sequence waits; None for a time or a condition, or if it does not wait."""
         self.holds: list[Claimed] = []
-        """The locks that it has."""
+        """The locks that the sequence has."""
         self.paused = False
-        """True if it is not advanced, so that no time passes for it."""
+        """True if the sequence is not advanced, so that no time passes for it."""
         self.limits: Sized = ()
-        """The time limits of the blocks that it is in."""
+        """The time limits of the blocks in which the sequence is."""
 
     @property
     @abstractmethod
@@ -69,13 +71,12 @@ class Waiter(ABC):
 
     @property
     def shown(self) -> Waiter:
-        """Return the sequence that messages name for it: one of umo's own functions is replaced by the one that runs
-        it."""
+        """The sequence that messages name: in place of a function of umo, the sequence that runs the function."""
         return self
 
     @property
     def lineage(self) -> list[Waiter]:
-        """The sequence itself, the one that runs it, and so on up to the started one."""
+        """The sequence itself, the sequence that runs it, and so on up to the started sequence."""
         found, each = [self], self.parent
         while each is not None:
             found.append(each)
@@ -84,8 +85,8 @@ class Waiter(ABC):
 
 
 def circle(waiting: Waiter, target: Waiter, wait: str) -> str | None:
-    """Return why a wait of one sequence for another would never end, as a sentence, or None. `wait`: the beginning of
-    the sentence, such as "{waiting} awaits {target}"."""
+    """Return a sentence that says why a wait of one sequence for another would never end, or None if it can end.
+    `wait`: the beginning of the sentence, such as "{waiting} awaits {target}"."""
     stuck = _stuck_behind(waiting)
     if target not in stuck:
         return None
@@ -96,7 +97,8 @@ def circle(waiting: Waiter, target: Waiter, wait: str) -> str | None:
 
 
 def awaits(waiting: Waiter, target: Waiter) -> bool:
-    """True if a sequence continues only when another one has ended, as it awaits it or runs it in parallel."""
+    """Return True if a sequence continues only when another one has ended, because the first awaits the other or runs
+    it in parallel."""
     return waiting in _reached([target], _bound_to)
 
 

@@ -1,7 +1,7 @@
-"""Writes of control code into the image, by the extension in C (`writes.c`) if it is built. Besides the value, a write
-stores its writer, and a bit until the values are sent. A function is called only if another writer than before writes
-another value (`two_writers.py`). Without the extension only the value is stored, because the rest would double the
-time; then writes are examined in some periods (`sampled_writes.py`).
+"""The writes of control code into the image, by the extension in C (`writes.c`) if the extension is built. In addition
+to the value, a write stores its writer, and sets a bit until the values are sent. A function is called only if a writer
+other than the previous one writes another value (`two_writers.py`). Without the extension only the value is stored,
+because storing more would double the time; then writes are examined in some periods (`sampled_writes.py`).
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ from umo.cycle import conversion
 from umo.objects.scaling import FloatArray, IntArray
 
 Changed = Callable[[Sequence[int], Sequence[float], Sequence[float]], None]
-"""Function that is called before another writer than before writes these slots, with the pending values and the new
-ones."""
+"""The function that is called with the pending and the new values before a writer other than the previous one writes
+these slots."""
 
 
 class Turn(Protocol):
-    """The code that is being carried out at this moment."""
+    """The code that is now being carried out."""
 
     task: Any
-    """The started sequence, or the one that it runs in parallel with others, or None if none does."""
+    """The started sequence that takes a step, or the sequence that it runs in parallel with others; None if no sequence
+    takes a step."""
     law: Any
-    """The law that acts, or None if none does."""
+    """The law that acts; None if no law acts."""
 
 
 class PlainTurn:
@@ -37,7 +38,7 @@ class PlainTurn:
 
 
 class ImageWrites(Protocol):
-    """Writes into the image."""
+    """The functions that write into the image."""
 
     def write(self, slot: int, value: float) -> bool:
         """Write a value within the range. Return True if it was accepted."""
@@ -63,8 +64,8 @@ def make_writes(
     command: Callable[[int, float], bool],
     changed: Changed,
 ) -> ImageWrites | None:
-    """Make the writes of an image from its columns. `command` is called for restricted actuators. Returns None without
-    the extension."""
+    """Return the writes of an image, made from its columns; None without the extension. `command` is called for
+    restricted actuators."""
     extension = conversion.extension
     if extension is None:
         return None

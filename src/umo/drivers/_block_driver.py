@@ -1,4 +1,4 @@
-"""The parts that drivers of blocks have in common: plans of the blocks, and steps of which some may fail."""
+"""The common parts of drivers that transfer blocks: plans of the blocks, and steps of which some may fail."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ S = TypeVar("S")
 
 
 class Plans(Generic[K, P]):
-    """The plan of each group of channels, made once. A machine has few groups; others may have many, so the number of
-    plans is limited."""
+    """The plans of groups of channels, each made once. A machine has few groups, but other callers may have many, so
+    the number of plans is limited."""
 
     def __init__(self, make: Callable[[tuple[K, ...]], P]) -> None:
         self._make = make
         self._known: dict[tuple[K, ...], P] = {}
         self._channels: Sequence[K] | None = None
         self.last: P | None = None
-        """The plan that was asked for last."""
+        """The plan that was requested last."""
 
     def clear(self) -> None:
-        """Discard all plans: they are made again."""
+        """Discard all plans, so that they are made again."""
         self._known.clear()
         self._channels = self.last = None
 
@@ -72,11 +72,11 @@ def in_turn(
     texts_of: Callable[[S], Iterable[str]],
     is_last: Callable[[DriverError], bool] = lambda error: False,
 ) -> None:
-    """Carry out the steps of a block, one after the other; errors are raised at the end.
+    """Carry out the steps of a block one after another. Errors are raised at the end.
 
     A step that fails does not stop the others: ChannelsFailed then has the texts of its channels. If `is_last` is true
-    for an error, such as a lost connection, all later steps fail with it too. The error itself is raised if all steps
-    fail by it, and at once if it is a timeout or that of a single step.
+    for an error, such as a lost connection, all later steps fail with this error, too. The error itself is raised if
+    all steps fail with it. It is raised immediately if it is a timeout, or if there is only one step.
     """
     if len(steps) == 1:
         carry_out(steps[0])

@@ -1,5 +1,5 @@
-"""Device files such as /dev/ttyUSB0, and the small files of sysfs: an error says what the user can do about it. For
-drivers of serial lines, GPIO chips, I2C and SPI buses, IIO devices and counters."""
+"""Device files such as /dev/ttyUSB0, and the small files of sysfs: an error says what the user can do. This module is
+for drivers of serial lines, GPIO chips, I2C and SPI buses, IIO devices and counters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ _MAX_LISTED = 8
 
 @contextmanager
 def opening(path: str) -> Iterator[None]:
-    """Any OSError within becomes a DriverError that names the file and what to do (`explained`)."""
+    """Return a context in which any OSError becomes a DriverError that names the file and says what to do
+    (`explained`)."""
     try:
         yield
     except DriverError:
@@ -31,7 +32,8 @@ def opening(path: str) -> Iterator[None]:
 
 
 def explained(path: str, error: OSError) -> str:
-    """A missing file with those that exist, a refused one with the group to join, a busy one with who holds it."""
+    """Return the text of an error with advice: for a missing file the existing files, for a refused file the group to
+    join, for a busy file the processes that hold it."""
     if error.errno in _MISSING:
         others = similar(path)
         known = f"; there are: {', '.join(others[:_MAX_LISTED])}" if others else "; there is none of its kind"
@@ -45,7 +47,8 @@ def explained(path: str, error: OSError) -> str:
 
 
 def similar(path: str) -> list[str]:
-    """The existing files of the same folder whose names differ from this one in digits only, in natural order."""
+    """Return the existing files of the same folder whose names differ from this one in digits only, in natural
+    order."""
     stem = re.sub(r"\d+", "", os.path.basename(path))
     try:
         names = os.listdir(os.path.dirname(path) or ".")
@@ -57,13 +60,13 @@ def similar(path: str) -> list[str]:
 
 
 def numbered(folder: Path, stem: str) -> list[Path]:
-    """The files of a folder whose names are this stem and a number, in the order of the numbers."""
+    """Return the files of a folder whose names are this stem and a number, in the order of the numbers."""
     return sorted(folder.glob(f"{stem}[0-9]*"), key=lambda path: (len(path.name), path.name))
 
 
 def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str:
     """Return the device that is named by its number or by one of its names: `there` has the names of each number.
-    DriverError lists the existing ones."""
+    Raises DriverError, which lists the existing devices."""
     found = [number for number, names in there.items() if wanted in (number, *names)]
     if len(found) == 1:
         return found[0]
@@ -75,21 +78,21 @@ def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str
 
 
 def listed(kind: str, there: Mapping[str, Sequence[str]]) -> str:
-    """The devices that there are, for a message."""
+    """Return the existing devices as text for a message."""
     if not there:
         return f"this computer has no {kind}"
     return "there are: " + ", ".join(f"{number}{in_brackets(*names)}" for number, names in there.items())
 
 
 def text_in(file: Path) -> str:
-    """The contents of a small file; empty if it cannot be read."""
+    """Return the contents of a small file; empty if it cannot be read."""
     with suppress(OSError):
         return file.read_text().strip()
     return ""
 
 
 def put(file: Path, value: str) -> None:
-    """Write a small file; DriverError says which."""
+    """Write a small file. Raises DriverError, which names the file."""
     try:
         fd = os.open(file, os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC)
         try:
@@ -103,7 +106,8 @@ def put(file: Path, value: str) -> None:
 
 
 def holders(path: str) -> list[str]:
-    """The processes that have the file open, as `pid 123 (minicom)`; those of other users are seen by root only."""
+    """Return the processes that have the file open, as `pid 123 (minicom)`; only root sees the processes of other
+    users."""
     real = os.path.realpath(path)
     found = []
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda folder: int(folder.name)):

@@ -1,4 +1,4 @@
-"""Libraries that a driver needs and umo does not: optional extras."""
+"""Libraries that a driver needs, but umo itself does not: optional extras."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 
 def library(module: str, name: str) -> Any:
-    """The module; None if the library of this name, which it needs, is not installed: a wiring can be checked without
-    it. For constructors: a guardian has no time for imports in `open`."""
+    """Return the module; None if the library with this name, which the module needs, is not installed. So a wiring can
+    be checked without the library. Use this in constructors, because a guardian has no time for imports in `open`."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:

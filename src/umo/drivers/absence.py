@@ -1,7 +1,7 @@
 """The absence of a device, as a state machine without a clock and without a driver.
 
-It receives events with their times, and returns what to do. The cycle has one for each driver that is away
-(`umo.cycle.drivers_away`), the server of a driver off the cycle one of its own. (docs/decisions/0098)
+It receives events with their times, and returns what to do. The cycle has a state machine for each driver that is away
+(`umo.cycle.drivers_away`); the server of a driver off the cycle has another one. (docs/decisions/0098)
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import NamedTuple
 from umo.duration import TIME_TOLERANCE
 
 FIRST_INTERVAL = 0.05
-"""Time in s until a device is looked for again after the first look or attempt that failed; it doubles each time."""
+"""The time in s until umo looks for a device again after the first look or attempt that failed. The time is doubled
+after each further failure."""
 LONG_ABSENCE = 0.5
-"""An absence of at least this time, in s, is recorded as an event, and the device is initialised again, because it may
+"""The time in s from which on an absence is recorded as an event, and the device is initialised again, because it may
 have been switched off. A lost answer must not bring an output to its default, and a device that is sometimes busy must
 not fill the events."""
 
@@ -24,9 +25,9 @@ class AbsenceState(Enum):
     """The state of a device."""
 
     THERE = auto()
-    """The device answers, as far as known."""
+    """Nothing is known against the device: it counts as answering."""
     DOUBTED = auto()
-    """A call has failed at once; calls are made as usual until the device has been looked for."""
+    """A call has failed immediately. Calls are made as usual until umo has looked for the device."""
     AWAY = auto()
     """The device is away: no call is made."""
     TRIED = auto()
@@ -34,16 +35,16 @@ class AbsenceState(Enum):
 
 
 class AbsenceStep(Enum):
-    """The next step."""
+    """The next step of the caller."""
 
     CALL = auto()
     """Calls are made."""
     REFUSE = auto()
     """Calls are refused."""
     INITIALIZE = auto()
-    """Initialise it again before anything else is sent to it, and report the outcome (`initialized`)."""
+    """Initialise the device again before anything else is sent to it, and report the outcome (`initialized`)."""
     TRY = auto()
-    """Make calls, and report the outcome of the first one: call `failed`, or the absence is over."""
+    """Make calls. If the first call fails, call `failed`; otherwise the absence is over."""
 
 
 class SearchPolicy(NamedTuple):
@@ -52,17 +53,19 @@ class SearchPolicy(NamedTuple):
     max_interval: float
     """The longest time in s from one look or attempt to the next."""
     calls_on: bool
-    """True if calls are made as usual after one that has failed at once."""
+    """True if calls are made as usual after a call that has failed immediately."""
 
 
 ON_CYCLE = SearchPolicy(5.0, True)
-"""On the cycle: an attempt may delay a period by the timeout of a call; a call that fails at once costs no time."""
+"""The policy on the cycle: an attempt may delay a period by the timeout of a call; a call that fails immediately takes
+no time."""
 OFF_CYCLE = SearchPolicy(1.0, False)
-"""Off the cycle: nothing waits for an attempt. Nothing is written to a device before one of its values has arrived."""
+"""The policy off the cycle: nothing waits for an attempt. Nothing is written to a device before one of its values has
+arrived."""
 
 
 class Absence:
-    """The absence of one device. All times are in s, on any one clock."""
+    """The absence of one device. All times are in s on the same clock, which may be any clock."""
 
     def __init__(self, manner: SearchPolicy, answers: bool) -> None:
         """`answers`: True if a successful look proves that the device answers; otherwise it only shows that a call may
@@ -70,21 +73,22 @@ class Absence:
         self._manner, self._answers = manner, answers
         self.state = AbsenceState.THERE
         self.began = self.due = inf
-        """Time at which the absence has begun, and time from which on the device is looked for."""
+        """The time at which the absence has begun, and the time from which on umo looks for the device."""
         self.known = False
-        """True if it is known that the device is away: a write has failed, or it was not found."""
+        """True if it is known that the device is away: a write has failed, or the device was not found."""
         self.was_initialized = False
         """True if the device was initialised in this absence."""
         self.refuses = False
-        """True if the device is present but refuses calls: it has answered the last look, and calls have failed at
-        once."""
+        """True if the device is present but refuses calls: it has answered the last look, and calls have failed
+        immediately."""
         self._since = inf
         """Time since which the device is not known to answer."""
         self._undecided = inf
-        """Time since which looks for it have not decided; inf: the last one has."""
+        """The time since which looks have not decided whether the device answers; inf if the last look has decided
+        it."""
         self._interval = FIRST_INTERVAL
         self._accepted = False
-        """True if the device has accepted some of an initialisation: it is there."""
+        """True if the device has accepted a part of an initialisation, so that it is present."""
 
     @property
     def is_away(self) -> bool:
@@ -93,15 +97,15 @@ class Absence:
 
     @property
     def is_confirmed(self) -> bool:
-        """True if it is certain that a found device is present, even if no call was made since."""
+        """True if it is certain that a found device is present, even if no call was made since the look."""
         return self.state is AbsenceState.TRIED and self._answers
 
     def has_lasted(self, now: float) -> bool:
-        """True if the absence is long enough for an event."""
+        """Return True if the absence is long enough for an event."""
         return now - self.began >= LONG_ABSENCE - TIME_TOLERANCE
 
     def is_due(self, now: float) -> bool:
-        """True if the device is to be looked for."""
+        """Return True if it is time to look for the device."""
         return self.state is AbsenceState.DOUBTED or (self.is_away and now >= self.due - TIME_TOLERANCE)
 
     def assume(self, now: float) -> None:
@@ -110,7 +114,7 @@ class Absence:
 
     def failed(self, now: float, timed_out: bool, write: bool = False, began: float | None = None) -> AbsenceStep:
         """Note a call that failed for the whole driver, or that timed out. `began`: the time at which the call began,
-        if that is not now."""
+        if it did not begin now."""
         if self.state is AbsenceState.THERE:
             self.began = self.due = self._since = now if began is None else began
         answered = not timed_out and self._answers
@@ -143,13 +147,13 @@ class Absence:
         return self._try()
 
     def accepted(self) -> None:
-        """Note that the device has accepted a part of an initialisation. It is tried again soon, but only once; if it
-        fails each time, the intervals grow."""
+        """Note that the device has accepted a part of an initialisation. The initialisation is tried again soon, but
+        only once; if it fails each time, the intervals grow."""
         if not self._accepted:
             self._accepted, self._interval = True, FIRST_INTERVAL
 
     def initialized(self, now: float, complete: bool) -> AbsenceStep:
-        """Note that it was initialised again, completely or not."""
+        """Note that the device was initialised again, completely or not."""
         if not complete:
             return self._wait(now)
         self.was_initialized = True

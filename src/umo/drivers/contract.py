@@ -24,19 +24,19 @@ INT64 = np.iinfo(np.int64)
 """The least and the greatest raw integer of a transfer."""
 _LEAST, _GREATEST = int(INT64.min), int(INT64.max)
 UNREAD = -0x7EAD_7EAD_7EAD_7EAD
-"""Raw integer of a place in a buffer that the driver has not filled yet; it counts as not read. A channel of 64 bits
-that reads exactly this value, one of 2**64, loses the reading."""
+"""The raw integer of an element of a buffer that the driver has not filled yet. Such an element counts as not read. A
+channel of 64 bits that reads exactly this value, one of 2**64, loses the reading."""
 
 MAX_DEFAULT_TIMEOUT = 1.0
-"""Upper limit of a default timeout in s; a longer one must be given in the wiring. The timeouts of a period add up, and
-a stop and the guardian wait for them."""
+"""The upper limit of a default timeout in s. A longer timeout must be given in the wiring. The timeouts of a period add
+up, and a stop and the guardian wait for all of them."""
 
 QUICK_SHARE = 0.01
-"""Share of the timeout. If the single transfers of a block end within it, their timeout is not shortened."""
+"""A share of the timeout. If the single transfers of a block end within this time, their timeout is not shortened."""
 
 LEAST_SHARE = 0.01
-"""Least share of the timeout for a single transfer, so that a circuit that answers at once, such as a simulated one,
-does not fail because the computer was busy. A slower one times out."""
+"""Least share of the timeout for a single transfer, so that a circuit that answers immediately, such as a simulated
+circuit, does not fail because the computer was busy. A slower circuit times out."""
 
 
 class Direction(Flag):
@@ -54,7 +54,8 @@ _INPUT = Direction.INPUT
 class Channel:
     """One channel of an interface circuit: its text, direction, width in bits and sign.
 
-    A driver may derive a frozen class with more fields, such as an address. These fields then identify the place.
+    A driver may derive a frozen class with more fields, such as an address. These fields then identify the place in the
+    circuit.
     """
 
     text: str
@@ -70,10 +71,10 @@ class Channel:
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """The places of the circuit that the channel uses. Two objects must not share one. Default: the direction and
-        the fields of the derived class, so two texts for one output are found; without such fields the text. Drivers of
-        one class share the places of a device, so for a device with several units the channel needs a field for the
-        unit."""
+        """The places of the circuit that the channel uses. Two objects must not share a place. Default: the direction
+        and the fields of the derived class, so that two texts for one output are detected; without such fields, the
+        text. Drivers of one class share the places of a device. So for a device with several units the channel needs a
+        field for the unit."""
         kind: Any = type(self)
         own = tuple(getattr(self, name) for name in _own_fields(kind))
         return ((self.direction, own),) if own else (self.text,)
@@ -106,7 +107,7 @@ class Channel:
 
     @property  # a cached one would give each channel a dict of its own, and every driver slower attributes
     def limits(self) -> tuple[int, int]:
-        """The least and the greatest raw integer that its bits and an int64 hold."""
+        """The least and the greatest raw integer that the channel's bits and an int64 can hold."""
         return _limits(self.bits, self.signed)
 
     @property
@@ -146,20 +147,20 @@ class Driver(ABC, Generic[C]):
     """
 
     only_off_cycle: ClassVar[bool] = False
-    """True if its calls usually take longer than a period, so that it is refused on the cycle."""
+    """True if the driver's calls usually take longer than a period, so that the driver is refused on the cycle."""
     timeout: float = MAX_DEFAULT_TIMEOUT
-    """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods, at most 1 s. It is longer while
-    objects are initialised and reset."""
+    """The timeout of one call in s. It is set from the wiring before `open`. Default: 10 periods, at most 1 s. The
+    timeout is longer while objects are initialised and reset."""
     period: float = 0.0
-    """Sampling period of the machine in s, or 0 without a timer. Set from the wiring before `open`."""
+    """The sampling period of the machine in s; 0 without a timer. It is set from the wiring before `open`."""
     forms: Sequence[str] = ()
-    """The forms of its channels, such as "line:N". `umo device drivers` shows them if the driver cannot be made without
-    options."""
+    """The forms of the driver's channels, such as "line:N". `umo device drivers` shows them if the driver cannot be
+    made without options."""
     realtime: bool = False
     """True if the driver has a timer channel that runs in real time. Default: False."""
     simulates_time: bool = False
-    """True if time passes in it by reading its timer channel only, as in a plant; then it must be the machine's
-    timer."""
+    """True if time passes in the driver only when its timer channel is read, as in a plant. Then this channel must be
+    the machine's timer."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         """Check the class. Raises DeclarationError if one of these functions is an `async def`, or if a function of
@@ -178,8 +179,8 @@ class Driver(ABC, Generic[C]):
 
     @abstractmethod
     def channel(self, text: str) -> C:
-        """The channel with this text. Raises ChannelError, with the valid forms, for an unknown one. May be called
-        before `open`."""
+        """Return the channel with this text. Raises ChannelError, with the valid forms, for an unknown text. May be
+        called before `open`."""
 
     def initialize(self, channel: C, default: int | None) -> None:
         """Prepare the channel. An output must go directly to its default, without another level in between.
@@ -204,15 +205,17 @@ class Driver(ABC, Generic[C]):
     # Derived: override what the circuit does better ------------------------------------------------
 
     def devices(self) -> Iterable[str]:
-        """The hardware that the driver uses, such as "modbus tcp 192.168.0.7:502". The text must be the same for every
-        spelling of one device: one process holds a device at a time. Empty for a simulation. Called before `open`."""
+        """Return the hardware that the driver uses, such as "modbus tcp 192.168.0.7:502". The text must be the same for
+        every spelling of one device, because one process holds a device at a time. Empty for a simulation. Called
+        before `open`."""
         return ()
 
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:
         """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.
-        `channels` is a tuple without repetitions, for the whole machine it is the same object in every period, so a
-        driver may keep a plan for it. Raises ChannelsFailed if only some channels failed. A place of `out` that is not
-        filled counts as failed. By default each channel is read alone, within the remaining part of the timeout."""
+        `channels` is a tuple without repetitions. For the whole machine it is the same object in every period, so a
+        driver may keep a plan for it. Raises ChannelsFailed if only some channels failed. An element of `out` that is
+        not filled counts as failed. By default each channel is read separately, within the remaining part of the
+        timeout."""
 
         def read(i: int, channel: C) -> None:
             out[i] = index(self.read(channel))  # numpy alone would truncate a float
@@ -221,14 +224,15 @@ class Driver(ABC, Generic[C]):
 
     def write_many(self, channels: Sequence[C], raws: IntArray) -> None:
         """Write all channels: the actuators of one period. Raises ChannelsFailed if only some channels failed. `raws`
-        belongs to the caller: copy it, do not keep it. By default each channel is written alone, as in `read_many`."""
+        belongs to the caller: copy the array, do not keep it. By default each channel is written separately, as in
+        `read_many`."""
         levels = raws.tolist()
         if len(levels) != len(channels):
             raise ValueError(f"{len(levels)} raw values for {len(channels)} channels")
         _one_by_one(self, channels, lambda i, channel: self.write(channel, levels[i]))
 
     def open(self) -> None:
-        """Open the circuit. Only `channel` and `devices` are called before."""
+        """Open the circuit. Only `channel` and `devices` are called before `open`."""
 
     def close(self) -> None:
         """Close the circuit. This is the last call; it is also made if `open` failed."""

@@ -42,9 +42,9 @@ class CounterChannel(Channel):
 class Counter(Driver[CounterChannel]):
     """One counter device, with one or more counts.
 
-    Channels, N being the number of the count: `count:N`, its value, which can be written; `preset:N`, `ceiling:N`,
-    `floor:N`; `enable:N`, 1 while it counts; `direction:N`, an input, 0 forward and 1 backward. Which of them a device
-    has depends on its kernel driver.
+    Channels, where N is the number of the count: `count:N`, its value, which can be written; `preset:N`, `ceiling:N`,
+    `floor:N`; `enable:N`, 1 while it counts; `direction:N`, an input, 0 forward and 1 backward. The kernel driver of a
+    device determines which of these channels the device has.
 
     Options:
         device: "counter0", its name (the file `name`), or a path.
@@ -86,8 +86,8 @@ class Counter(Driver[CounterChannel]):
         return CounterChannel(text, direction, bits, signed, count, attribute)
 
     def devices(self) -> Sequence[str]:
-        """The device by its number, regardless of how the option names it; a device that does not exist, as the option
-        names it."""
+        """Return the device by its number, regardless of how the option names it. If the device does not exist, return
+        it as the option names it."""
         with suppress(OSError):
             return [f"counter {_found(self.device).name}"]
         return [f"counter {self.device}"]

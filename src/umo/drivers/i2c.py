@@ -33,18 +33,18 @@ class I2c(RegisterDriver):
         bus, address: number or path of the bus (1, "/dev/i2c-1") and the chip's address of 7 bits, 0x08 to 0x77.
         registers: the chip's registers by name (docs/driver-i2c.md).
         page_register: the register of 8 bits that selects the page, for registers with `page`.
-        auto_increment: the chip counts its addresses in bytes and continues to the next one by itself. Registers that
-            follow each other then move in one transfer of up to 32 bytes.
+        auto_increment: the chip counts its addresses in bytes and continues to the next one by itself. Consecutive
+            registers are then transferred together, up to 32 bytes at a time.
         address_bits: width of a register's address; 0 for a chip without registers (its only one is at address 0).
         identity: registers with the values that they must have when the bus is opened, such as { who_am_i = 0x33 }.
-        setup: registers or fields with the values that are written then, in this order: the chip's configuration. Also
-            when the bus is opened again after a failure, so no outputs of the machine are among them.
-        pec: checksums of SMBus; for registers of 8 and 16 bits.
+        setup: registers or fields with the values that are written in this order when the bus is opened: the chip's
+            configuration. They are also written when the bus is opened again after a failure, so outputs of the machine
+            must not be among them.
+        pec: use the checksums of SMBus, for registers of 8 and 16 bits.
 
-    `timeout` is observed between two transfers. A transfer on a bus that is held ends when the adapter gives up: its
-    timeout is set to that of the driver, in steps of 10 ms, and holds for all users of the bus. So a call ends within
-    twice `timeout` and 10 ms.
-    After a failed transfer the next call opens the bus again.
+    `timeout` is observed between two transfers. If another device holds the bus, a transfer ends when the adapter gives
+    up. The adapter's timeout is set to that of the driver, in steps of 10 ms, and applies to all users of the bus. So a
+    call ends within twice `timeout` plus 10 ms. After a failed transfer the next call opens the bus again.
 
     Sources: NXP UM10204 (I2C), the kernel's Documentation/i2c/dev-interface.rst and smbus-protocol.rst.
     """
@@ -85,7 +85,7 @@ class I2c(RegisterDriver):
         return channel
 
     def devices(self) -> Iterable[str]:
-        """The bus and the address of the chip."""
+        """Return the bus and the address of the chip."""
         return [f"i2c {os.path.realpath(self.path)} address {self.address:#04x}"]
 
     def _connect(self) -> None:

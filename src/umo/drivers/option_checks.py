@@ -1,5 +1,5 @@
-"""Checks of the options of drivers. Each returns the value, or raises a WiringError that names the option and its valid
-values."""
+"""Checks of the options of drivers. Each check returns the value, or raises a WiringError that names the option and its
+valid values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def within(name: str, value: Any, least: int, most: int, why: str = "") -> int:
 
 
 def one_of(name: str, value: T, known: Sequence[object]) -> T:
-    """Check that the value is one of the known ones, and return it."""
+    """Check that the value is one of the known values, and return it."""
     if isinstance(value, bool) or value not in known:
         raise WiringError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
     return value
@@ -45,7 +45,7 @@ def checked_table(name: str, value: Any, known: Collection[str], example: str) -
 
 
 def duration(name: str, value: str | float) -> float:
-    """Time in s, from a text such as "200 ms" or a number below 1; up to an hour."""
+    """Return a time of at most an hour in s, given as a string such as "200 ms" or a number below 1."""
     try:
         found = seconds_of_setting(value)
     except DeclarationError:

@@ -19,8 +19,8 @@ from umo.user_code import definition
 
 
 class Looks(ABC):
-    """Detects without waiting whether its device answers again. For any other driver a call is tried, which may cost
-    its timeout."""
+    """A driver that can find out without waiting whether its device answers again. For any other driver a call is
+    tried, which may take its timeout."""
 
     @property
     def answers_for_device(self) -> bool:
@@ -30,15 +30,15 @@ class Looks(ABC):
 
     @abstractmethod
     def look(self) -> bool | None:
-        """Return whether the device answers again. None means not known yet: the function is called again in the next
-        period, and after `timeout`, or 0.5 s if that is longer, None counts as False. False, or an OSError, means that
-        it does not answer now. Called while the driver is away, after a call that timed out or a failed call of the
-        whole driver. Other calls may come in between."""
+        """Return whether the device answers again. None means that this is not known yet: the function is called again
+        in the next period, and after `timeout` (or 0.5 s if that is longer) None counts as False. False, or an OSError,
+        means that the device does not answer now. Called while the driver is away, after a call that timed out or a
+        failed call of the whole driver. Other calls may come in between."""
 
 
 def look_for(driver: object) -> bool | None:
-    """Return the result of the driver's look as True, False or None; without a look True, which means "try a
-    transfer"."""
+    """Return the result of the driver's look: True, False or None. For a driver without a look return True, which means
+    "try a transfer"."""
     if not isinstance(driver, Looks):
         return True
     found = driver.look()
@@ -46,22 +46,22 @@ def look_for(driver: object) -> bool | None:
 
 
 def answers_for_device(driver: object) -> bool:
-    """True if the result True of a look means that the device itself has answered."""
+    """Return True if the result True of a look means that the device itself has answered."""
     return isinstance(driver, Looks) and driver.answers_for_device
 
 
 class KnowsAges(ABC):
     """A driver whose circuit receives values from elsewhere instead of reading them on request, so that they have ages.
-    It matters only for a driver off the cycle."""
+    This matters only for a driver off the cycle."""
 
     @abstractmethod
     def ages(self, channels: Sequence[Any]) -> Sequence[float] | None:
-        """The age in s of each value that the last `read_many` of these channels has given. None means that they are as
-        old as the transfer."""
+        """Return the age in s of each value that the last `read_many` of these channels has given. None means that the
+        values are as old as the transfer."""
 
 
 def ages_of(driver: object, channels: Sequence[Any]) -> Sequence[float] | None:
-    """Return the ages in s of the last reading; None if as old as the transfer."""
+    """Return the ages in s of the values of the last reading; None if they are as old as the transfer."""
     return driver.ages(channels) if isinstance(driver, KnowsAges) else None
 
 
@@ -76,12 +76,12 @@ class HasShortForm(ABC):
 
 
 def short_form_of(driver: type, text: str) -> Mapping[str, Any] | None:
-    """Return the options that the text means; None if the driver's class has no such form."""
+    """Return the options for which the text stands; None if the driver's class has no such form."""
     return driver.table(text) if issubclass(driver, HasShortForm) else None
 
 
 class PhysicalScale(NamedTuple):
-    """Scale of a channel that the circuit itself reports: raw * resolution + zero_offset."""
+    """The scale of a channel, as the circuit itself reports it: raw * resolution + zero_offset."""
 
     resolution: float
     zero_offset: float
@@ -90,12 +90,13 @@ class PhysicalScale(NamedTuple):
 
 
 class KnowsScale(ABC):
-    """A driver whose circuit itself reports what a raw integer stands for. The wiring is checked against that if the
+    """A driver whose circuit itself reports the value of a raw integer. The wiring is checked against this if the
     object has units of the same dimension."""
 
     @abstractmethod
     def physical_scale(self, channel: Any) -> PhysicalScale | None:
-        """The scale of a channel, or None if it is unknown or the device is not there. May be called before `open`."""
+        """Return the scale of a channel, or None if it is unknown or the device is not there. May be called before
+        `open`."""
 
 
 def scale_of(driver: object, channel: Any) -> PhysicalScale | None:
@@ -104,26 +105,26 @@ def scale_of(driver: object, channel: Any) -> PhysicalScale | None:
 
 
 class NoWatchdog(DriverError, NotImplementedError):
-    """The circuit has no watchdog of its own, or its options do not name it."""
+    """The circuit has no watchdog, or the options of the driver do not name it."""
 
 
 class HasWatchdog(ABC):
-    """A driver whose circuit has a watchdog of its own."""
+    """A driver whose circuit has a watchdog."""
 
     @abstractmethod
     def watchdog(self, seconds: float) -> None:
-        """Arm the watchdog: after this time without a request the circuit sets its outputs to safe levels. Called once
-        the driver is open, and again when its device is back after being away, but not after the watchdog has expired:
-        whether it is armed then depends on the circuit. Requests that a driver makes besides its calls must not keep
-        the watchdog from expiring."""
+        """Arm the watchdog: after this time without a request the circuit sets its outputs to safe levels. Called when
+        the driver is open, and again when its device is back after being away. It is not called after the watchdog has
+        expired; then the circuit determines whether the watchdog is armed. Requests that a driver makes outside of its
+        calls must not keep the watchdog from expiring."""
 
     def check_watchdog(self, seconds: float) -> None:  # noqa: B027  most take any time
-        """Check a time. Raises WiringError or DriverError if `watchdog` does not accept it. Called before `open`; it
-        sends nothing."""
+        """Check a time. Raises WiringError or DriverError if `watchdog` does not accept it. Called before `open`. This
+        function sends nothing."""
 
 
 def arm_watchdog(driver: object, seconds: float) -> None:
-    """Arm the watchdog of the driver's circuit; NoWatchdog if it has none."""
+    """Arm the watchdog of the driver's circuit. Raises NoWatchdog if the circuit has none."""
     if not isinstance(driver, HasWatchdog):
         raise NoWatchdog(f"{type(driver).__name__} has no watchdog of its own")
     driver.watchdog(seconds)
@@ -144,8 +145,8 @@ def report_of(driver: object) -> dict[str, Any]:
 
 
 class Inspects(ABC):
-    """A driver that shows the content of its circuit for commissioning, in `umo device get`. It helps to find a wrong
-    option, such as the order of bytes."""
+    """A driver that shows the content of its circuit for commissioning, in `umo device get`. The content helps to find
+    a wrong option, such as the order of bytes."""
 
     @abstractmethod
     def inspect(self, channel: Any) -> str:
@@ -154,20 +155,20 @@ class Inspects(ABC):
 
 
 def inspection_of(driver: object, channel: Any) -> str:
-    """The content of the circuit for an input channel, read now; empty if the driver cannot show it."""
+    """Return the content of the circuit for an input channel, read now; empty if the driver cannot show it."""
     return driver.inspect(channel) if isinstance(driver, Inspects) else ""
 
 
 class WaitEnded(Exception):
-    """Raised by the reading of a timer whose wait for its tick was ended (`EndsWait.stop_waiting`)."""
+    """The wait of a timer's reading for its tick was ended (`EndsWait.stop_waiting`)."""
 
 
 class EndsWait(ABC):
-    """A timer whose wait for a tick can be ended. Any other one ends its call within its timeout."""
+    """A timer whose wait for a tick can be ended. Any other timer ends its call within its timeout."""
 
     @abstractmethod
     def stop_waiting(self) -> None:
-        """End the wait for a tick at once with WaitEnded, or the next wait if there is none now, because a stop was
+        """End the wait for a tick immediately with WaitEnded, or the next wait if there is none now, because a stop was
         requested. Called in a signal handler or in another thread; it must not raise an error."""
 
 
@@ -188,14 +189,14 @@ class MovesInC(ABC):
 
     @abstractmethod
     def in_c(self, channels: Sequence[Any], write: bool) -> TransferInC | str:
-        """Return the transfer for these channels, as for `read_many` or `write_many`; for a timer, as for `read`. It is
-        valid until the driver is closed. If there is none, return the reason as text. Called when the channels are
-        initialised, and again after the driver was away."""
+        """Return the transfer in C that replaces `read_many` or `write_many` (for a timer, `read`) for these channels.
+        The transfer is valid until the driver is closed. If there is none, return the reason as text. Called when the
+        channels are initialised, and again after the driver was away."""
 
 
 def transfer_in_c(driver: object, channels: Sequence[Any], write: bool) -> TransferInC | str:
     """Return the driver's transfer in C, or the reason as text if there is none. If a subclass changes functions in
-    Python without changing the transfer in C, the latter is not used."""
+    Python but not the transfer in C, the transfer in C is not used."""
     if not isinstance(driver, MovesInC):
         return "it has no transfers in C"
     for place in (vars(driver), *map(vars, type(driver).__mro__)):
@@ -222,7 +223,7 @@ OPTIONAL: tuple[type, ...] = (
 
 
 def names_of(kind: type) -> list[str]:
-    """The names that a class of this module gives a driver."""
+    """Return the names that a class of this module gives a driver."""
     return [name for name in vars(kind) if not name.startswith("_")]
 
 

@@ -1,4 +1,4 @@
-"""Any timer in wall-clock time: a plant's tick, or the simulated timer, paced by the real-time clock."""
+"""A timer in virtual time that the real-time clock paces: a plant's tick, or the simulated timer."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class PacedTimer(TimerFd):
 
     `read` reads the timer channel of the driver, so that one period passes in the plant, and waits for the wall clock
     like `TimerFd`, so that the computing time of the plant does not delay the period. If the wall clock has missed
-    periods, they also pass in the plant. It returns the periods missed by the wall clock. On the timer's wire it takes
-    the place of the driver, which it does not open or close.
+    periods, they also pass in the plant. `read` returns the number of periods that the wall clock has missed. On the
+    timer's wire this object takes the place of the driver, but does not open or close it.
     """
 
     def __init__(self, timer: Driver[Any]) -> None:

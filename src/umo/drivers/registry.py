@@ -1,6 +1,6 @@
-"""Find a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
+"""The search for a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
 
-A driver is imported only if a wiring names it. A missing driver is not replaced by another one.
+A driver is imported only if a wiring names it. umo never uses another driver in place of a missing one.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ GROUP = "umo.drivers"
 
 @cache
 def known() -> dict[str, list[EntryPoint]]:
-    """The registered drivers by name; none is imported. A name with several entry points is ambiguous and stands for
-    none of them."""
+    """Return the registered drivers by name; no driver is imported. A name with several entry points is ambiguous, so
+    it stands for no driver."""
     found: dict[str, dict[str, EntryPoint]] = {}
     for point in registered(GROUP):
         found.setdefault(point.name, {})[point.value] = point
@@ -34,7 +34,7 @@ def known() -> dict[str, list[EntryPoint]]:
 
 
 def find(name: str) -> type[Driver]:
-    """The driver class of a registered name or of `module:Class`; WiringError otherwise."""
+    """Return the driver class of a registered name or of `module:Class`; raises WiringError otherwise."""
     if ":" in name:
         module, _, attribute = name.partition(":")
     elif name in (points := known()):
@@ -57,8 +57,8 @@ def find(name: str) -> type[Driver]:
 
 
 def table_of(name: str) -> Mapping[str, Any]:
-    """The table `[drivers.NAME]` of a driver that only lines of `[wire]` name: by a type, or by `TYPE:TEXT` if the
-    registered type has such a short form. In all other types `:` means `module:Class`."""
+    """Return the table `[drivers.NAME]` of a driver that only lines of `[wire]` name: by a type, or by `TYPE:TEXT` if
+    the registered type has such a short form. For any other type `:` means `module:Class`."""
     kind, _, text = name.partition(":")
     if text and kind in known():
         with suppress(WiringError):  # it is told as for any other

@@ -1,7 +1,7 @@
 """A simulated circuit for objects whose circuit does not exist yet, and for tests.
 
-It stores the last writes in a history. A sensor reads the value given by `set` (default: 0). As the timer it returns at
-once with 0 missed periods, so time is virtual.
+The circuit stores the last writes in a history. A sensor reads the value given by `set` (default: 0). As a timer the
+circuit returns immediately with 0 missed periods, so time is virtual.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ class Simulated(Driver, MovesInC):
     """A circuit with channels of any name, for inputs and outputs, with 63 bits and a sign.
 
     Options:
-        history: how many of the last writes are kept; with 0 none is kept, and the transfers can be made in C.
+        history: the number of last writes that are kept. With 0 no write is kept, and the transfers can be made in C.
     """
 
     def __init__(self, *, history: int = 10_000) -> None:
         self._raws: dict[str, int] = {}
         self._cells: dict[str, c_int64] = {}
-        """Replaces `_raws` when transfers are made in C: a cell for each channel."""
+        """The memory that replaces `_raws` when transfers are made in C, with a cell for each channel."""
         self._history: deque[tuple[str, int]] = deque(maxlen=history)
 
     @property
@@ -49,7 +49,7 @@ class Simulated(Driver, MovesInC):
         self._put(channel, int(raw))
 
     def get(self, channel: str) -> int:
-        """The raw value last written or set; default: 0."""
+        """Return the raw value last written or set; default: 0."""
         return self._cells[channel].value if channel in self._cells else self._raws.get(channel, 0)
 
     def read(self, channel: Channel) -> int:

@@ -31,24 +31,26 @@ class Spi(RegisterDriver):
         mode: 0 to 3; bit 1 is the idle level of the clock, bit 0 the edge at which data are taken (1: the second).
         max_speed_hz: highest frequency of the clock.
         bits_per_word: word of the controller; the bits on the wire are the same with 8, 16 and 32.
-        lsb_first: the chip has the lowest bit of each byte first. umo turns the bytes round: most controllers cannot.
+        lsb_first: the chip has the lowest bit of each byte first. umo reverses the bits, because most controllers
+            cannot.
         registers: the chip's registers by name (docs/driver-spi.md).
         page_register: the register of 8 bits that selects the page, for registers with `page`.
-        auto_increment: the chip counts its addresses in bytes and continues to the next one by itself. Registers that
-            follow each other then move in one transfer of up to 256 bytes.
+        auto_increment: the chip counts its addresses in bytes and continues to the next one by itself. Consecutive
+            registers are then transferred together, up to 256 bytes at a time.
         address_bits: width of the command with the address; 0 for a chip that only answers (its register is at 0).
         address_shift: bits by which the address is shifted to the left in the command.
-        read_mask, write_mask, burst_mask: bits set in the command of a read, of a write, and of either one of more
-            than one byte.
+        read_mask, write_mask, burst_mask: bits that are set in the command of a read, in the command of a write, and in
+            both commands if they have more than one byte.
         dummy_bytes: bytes between the command of a read and its answer. Negative: the answer begins this number of
             bytes before the command ends.
         identity: registers with the values that they must have when the bus is opened, such as { who_am_i = 0x33 }.
-        setup: registers or fields with the values that are written then, in this order: the chip's configuration. Also
-            when the bus is opened again after a failure, so no outputs of the machine are among them.
+        setup: registers or fields with the values that are written in this order when the bus is opened: the chip's
+            configuration. They are also written when the bus is opened again after a failure, so outputs of the machine
+            must not be among them.
 
     A transfer is a command, and then data, under one chip select. SPI has no acknowledgement: a chip that is not there
-    reads as all zeros or all ones. Only `identity` finds that, and only when the bus is opened.
-    `timeout` is observed between two transfers: a call ends within it and the time of one transfer.
+    reads as all zeros or all ones. Only `identity` detects this, and only when the bus is opened. `timeout` is observed
+    between two transfers: a call ends within `timeout` plus the time of one transfer.
 
     Source: the kernel's Documentation/spi/spidev.rst.
     """
@@ -95,7 +97,7 @@ class Spi(RegisterDriver):
         super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)
 
     def channel(self, text: str) -> RegisterChannel:
-        """Return the channel with this text. Its address must fit into the command next to the masks."""
+        """Return the channel with this text. The address of the channel must fit into the command next to the masks."""
         channel = super().channel(text)
         register = channel.register
         last = register.address + (register.size - 1 if self._auto_increment else 0)
@@ -108,7 +110,7 @@ class Spi(RegisterDriver):
         return channel
 
     def devices(self) -> Iterable[str]:
-        """The device file of the chip select."""
+        """Return the device file of the chip select."""
         return [f"spi {os.path.realpath(self.path)}"]
 
     def _connect(self) -> None:

@@ -14,18 +14,19 @@ from umo.errors import DriverError
 from umo.system import calls
 
 MAX_AWAKE_SHARE = 15 / 16
-"""Largest share of its processor that a busily waiting thread uses. The kernel suspends a real-time thread that uses
-more than 95 % (sched(7), sched_rt_runtime_us)."""
+"""The largest share of its processor that a busily waiting thread may use. The kernel suspends a real-time thread that
+uses more than 95 % (sched(7), sched_rt_runtime_us)."""
 LOOK_INTERVAL = 10, 30_000_000
-"""Interval in periods, and longest interval in ns, between two readings of the processor time, which is a system call
-that would lengthen each period."""
+"""The interval in periods, and the longest interval in ns, between two readings of the processor time. A reading is a
+system call that would lengthen each period."""
 MAX_OWED_SLEEP = 1, 2_000_000
-"""Sleep in periods, and longest sleep in ns, that may accumulate before the thread sleeps until a tick."""
+"""The missing sleep in periods, and the longest missing sleep in ns, that may accumulate before the thread sleeps until
+a tick."""
 MAX_NAP = 50_000_000
-"""Longest sleep in ns before a look whether a stop has ended the wait."""
+"""The longest sleep in ns before a check whether a stop has ended the wait."""
 LEFT_OUT_PERIODS = 8
-"""Number of periods for which work is left out after it did not end before its tick; doubled after each consecutive
-time."""
+"""The number of periods for which work is left out after it did not end before its tick. The number is doubled each
+time that this happens in succession."""
 MAX_DOUBLINGS = 12
 """Largest number of doublings of this number of periods."""
 DECAY_DIVISOR = 8
@@ -39,11 +40,11 @@ class WhileWaiting:
         self._work = work
         self._clock = clock or calls.now_ns
         self._took = 0
-        """Expected duration in ns: its longest one of late."""
+        """The expected duration of the work in ns: the longest recent duration."""
         self._overran = 0
-        """Times in a row that it did not end before its tick."""
+        """The number of successive times that the work did not end before its tick."""
         self._left_out = 0
-        """Periods until it is done again after that."""
+        """The number of periods until the work is done again after this."""
 
     def __call__(self, now: int, due: int) -> int:
         """Do the work if it fits between now and the tick. Return the time afterwards, in ns."""
@@ -64,15 +65,17 @@ class WhileWaiting:
 
 
 Grid: Any = object if native is None else native.Grid
-"""The memory for the numbers of a `Ticker`, which the extension shares; its `TICK` waits like `Ticker.wait`."""
+"""The memory for the numbers of a `Ticker`, which the extension shares. `TICK` of the extension waits like
+`Ticker.wait`."""
 
 
 class Ticker(Grid):  # type: ignore[misc]
     """A grid of periods on the monotonic clock. `clock` (ns), `used` (ns), `sleep` and `nap` can be injected by tests;
-    otherwise they are those of `calls` at its construction, since they are called in every period.
+    otherwise the functions of `calls` are taken once, at construction, because they are called in every period.
 
-    `sleep()` returns after the next expiry of the kernel's timer, or at once if it has expired since the last call; the
-    clock determines which ticks have passed. `nap(s)` is time.sleep, `used()` the processor time of this thread.
+    `sleep()` returns after the next expiry of the kernel's timer, or immediately if the timer has expired since the
+    last call. The clock determines which ticks have passed. `nap(s)` is time.sleep, `used()` the processor time of this
+    thread.
     """
 
     def __init__(
@@ -98,16 +101,16 @@ class Ticker(Grid):  # type: ignore[misc]
         """The time and the processor time used when `_is_tired` looked last, in ns."""
         self._awake_share = MAX_AWAKE_SHARE
         self._owed = 0.0
-        """Sleep in ns that the thread should have had by then and had not."""
+        """The sleep in ns that the thread should have had by this time but has not had."""
         self._napped = 0
-        """Sleep in ns that it has had since then for this reason."""
+        """The sleep in ns that the thread has had since this time for this reason."""
         self._busy_wait = 0
         self._ended = False
-        """True if the wait is to end, or the next one."""
+        """True if the present wait, or the next one, must end."""
         self.meanwhile: WhileWaiting | None = None
-        """Work that is done between the waking up and the tick."""
+        """The work that is done between waking up and the tick."""
         self.due = 0
-        """Time at which the tick was due that ended the last `wait`, in ns of CLOCK_MONOTONIC."""
+        """The time in ns of CLOCK_MONOTONIC at which the tick that ended the last `wait` was due."""
         self.woke = 0
         """Time at which the last `wait` continued, on the same clock: `woke - due` is the delay of waking up."""
 
@@ -126,15 +129,15 @@ class Ticker(Grid):  # type: ignore[misc]
 
     def wait_busily(self, seconds: float) -> None:
         """Sleep until this time in s before each tick, then read the clock until the tick comes, so that the thread and
-        its processor are awake. This takes a corresponding share of a processor. If that and the work of the periods
-        exceed `MAX_AWAKE_SHARE`, the thread sleeps until some of the ticks."""
+        its processor are awake. This takes a corresponding share of a processor. If this share and the work of the
+        periods exceed `MAX_AWAKE_SHARE`, the thread sleeps until the tick in some of the periods."""
         self._busy_wait = round(seconds * 1e9)
         self._arm_or_raise(self._next - self._busy_wait)
 
     def wait(self) -> int:
-        """Return at once the ticks that have passed since the last call, as in the paper; if there were none, block
-        until the next tick and return 0. A missed tick does not shift the following ticks. WaitEnded after
-        `stop_waiting`."""
+        """Return immediately the number of ticks that have passed since the last call, as in the paper. If there were
+        none, block until the next tick and return 0. A missed tick does not shift the following ticks. Raises WaitEnded
+        after `stop_waiting`."""
         clock, due = self._clock, self._next
         now = clock()
         if now >= due:
@@ -164,7 +167,8 @@ class Ticker(Grid):  # type: ignore[misc]
         return 0
 
     def stop_waiting(self) -> None:
-        """End this wait, or the next one, by making the kernel's timer expire at once. It raises no error."""
+        """End this wait, or the next one, by making the kernel's timer expire immediately. This function raises no
+        error."""
         self._ended = True
         self._arm(1)
 
@@ -201,7 +205,8 @@ class Ticker(Grid):  # type: ignore[misc]
 
 
 class TimerFd(Driver, EndsWait, MovesInC):
-    """One channel, the tick; `read` blocks until the next sampling period and returns the ticks missed."""
+    """A driver with one channel, the tick. `read` blocks until the next sampling period and returns the number of
+    missed ticks."""
 
     realtime = True
 

@@ -1,4 +1,4 @@
-"""The transfers in C of the drivers of this folder (`native.c`), if they could be built."""
+"""The transfers in C (`native.c`) of the drivers in this folder, if the extension could be built."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Objects that wrap a driver and are used in its place: injected faults, the proxy of a driver off the cycle."""
+"""Objects that wrap a driver and are used in its place, for injected faults and for drivers off the cycle."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from umo.drivers.optional import OPTIONAL, MovesInC, names_of
 
 
 def of_driver(name: str) -> Any:
-    """Return the driver's own attribute with this name."""
+    """Return the attribute with this name of the wrapped driver."""
     return property(attrgetter(f"driver.{name}"), lambda wrapper, value: setattr(wrapper.driver, name, value))
 
 
 class Wrapper(Driver[Any]):
-    """A driver in front of another one. It is an instance of the same classes of `optional.py` as the wrapped driver,
-    and of those that it names itself. Calls that it does not handle go to the wrapped driver."""
+    """A driver that wraps another driver. It is an instance of the classes of `optional.py` that the wrapped driver
+    has, and of those that it names itself. Calls that the wrapper does not handle go to the wrapped driver."""
 
     withheld: ClassVar[tuple[type, ...]] = (MovesInC,)
     """Classes that a wrapper never derives from, because the driver's transfers in C would bypass it."""

@@ -1,5 +1,6 @@
-"""What a machine is declared with: the four atomic objects, compounds, units, ranges and linearizations, and how their
-values look as text (`objects.presentation`). When a period is, and which driver an object is on, is not known here."""
+"""The parts from which a machine is declared: the four atomic objects, compounds, units, ranges and linearizations, and
+their values as text (`objects.presentation`). This package knows neither the time of a period nor the driver of an
+object."""
 
 from umo.objects.action import Action, action, actions_of
 from umo.objects.actuators import Actuator, BinaryActuator, DigitalActuator

@@ -55,8 +55,8 @@ def action(
     release: str | None = None,
     **ranges: Declared,
 ) -> Any:
-    """Mark a method, or an `async def` sequence, of a compound or of a law as an action: it may be called from outside
-    while the machine runs, by `umo do STATION call` or `umo.attach`.
+    """Mark a method, or an `async def` sequence, of a compound or of a law as an action: `umo do STATION call` and
+    `umo.attach` may call it from outside while the machine runs.
 
         class Press(Compound):
             @action(force=Range("kN", 0.0, 80.0))
@@ -71,14 +71,14 @@ def action(
             def clear_count(self) -> None: ...
 
     Every argument is annotated: float, int, bool, str, an Enum, a two-state type or a Literal. A number needs a
-    `Range`, or a function of the compound that returns one. `harmless`: it may also be called in automatic mode, while
-    the application runs. `apart`: the page shows it apart from the others, in red, so that it is not clicked by
-    mistake. `release`: the action lasts as long as the caller holds it; then its sequences are cancelled, and this
-    method of the compound is called, without arguments. A release ends what the action began and starts nothing: it is
-    also called when the action has already ended for another reason. A sequence that an action starts (`cycle.start`)
-    belongs to it: it ends when the action is cancelled, or the lease ends. Actuators that an action still drives when
-    the lease ends in manual mode react as declared by `when_suspended`. The first line of the docstring describes the
-    action. Result: plain data; clients see at most 448 bytes of its JSON.
+    `Range`, or a function of the compound that returns one. `harmless`: the action may also be called in automatic
+    mode, while the application runs. `apart`: the page shows the action apart from the others, in red, so that nobody
+    clicks it by mistake. `release`: the action lasts as long as the caller holds it; then its sequences are cancelled,
+    and this method of the compound is called, without arguments. A release ends what the action began and starts
+    nothing: it is also called when the action has already ended for another reason. A sequence that an action starts
+    (`cycle.start`) belongs to it: it ends when the action is cancelled, or the lease ends. Actuators that an action
+    still drives when the lease ends in manual mode react as declared by `when_suspended`. The first line of the
+    docstring describes the action. The result must be plain data; clients see at most 448 bytes of its JSON.
     """
     mark = _Mark(ranges, checked_truth("harmless", harmless), checked_truth("apart", apart), release)
     if function is None:
@@ -99,7 +99,7 @@ class Argument:
 
     name: str
     kind: str
-    """The kind of its values: "number", "integer", "bool", "text" or "choice"."""
+    """The kind of the argument's values: "number", "integer", "bool", "text" or "choice"."""
     range: Range | None
     """Unit and bounds of a number; None for any other kind."""
     choices: Mapping[str, Any]
@@ -133,7 +133,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class Action:
-    """An action of one compound of a machine, or of a law of it."""
+    """An action of a compound of a machine, or of a law of the compound."""
 
     path: str
     """Path of the action, such as `z.move_to`."""
@@ -148,8 +148,8 @@ class Action:
     apart: bool = False
 
     def converted(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the arguments for the method. Raises RangeError or StateError if one is missing, unknown or not
-        allowed."""
+        """Return the arguments for the method. Raises RangeError or StateError if an argument is missing, unknown or
+        not allowed."""
         known = {each.name: each for each in self.arguments}
         for name in given:
             if name not in known:
@@ -175,7 +175,7 @@ class Action:
 
 
 def actions_of(root: Compound) -> dict[str, Action]:
-    """Return every action of a machine by its path, of its compounds and of their laws. Raises DeclarationError for an
+    """Return every action of the compounds of a machine and of their laws, by path. Raises DeclarationError for an
     argument without a type or a range."""
     compounds = ((node, node._path, node) for node in (root, *walk(root)) if isinstance(node, Compound))
     owners = chain(compounds, laws_in(root))
@@ -184,8 +184,8 @@ def actions_of(root: Compound) -> dict[str, Action]:
 
 
 def actions_on(part: Compound, path: str, owner: Any) -> dict[str, Action]:
-    """The actions of an object at this path that is not a law itself, by their paths; `part` is the compound that has
-    the object."""
+    """Return the actions of the object at this path, by their paths. The object must not be a law itself. `part` is the
+    compound that has the object."""
     found = (_action(part, path, owner, *each) for each in _marks(owner.__class__).items())
     return {each.path: each for each in found}
 

@@ -47,8 +47,8 @@ class Actuator(Atomic):
 
     @property
     def when_suspended(self) -> Literal["default", "hold"]:
-        """Return how its value changes in a change to manual mode, if no law writes it: as declared by the actuator, or
-        by the nearest compound ("run on" counts as "hold")."""
+        """The reaction of the value to a change to manual mode, if no law writes it: as the actuator declares, or else
+        the nearest compound ("run on" counts as "hold")."""
         reaction = self._when_suspended or declared_reaction(self) or "default"
         return "default" if reaction == "default" else "hold"
 
@@ -59,17 +59,18 @@ class Actuator(Atomic):
 
     @property
     def inhibited(self) -> str | None:
-        """Return why writes of the program are not accepted: the reason of the interlock that keeps it at its default,
-        or the client that has taken it. None if they are accepted."""
+        """The reason why writes of the program are not accepted: the reason of the interlock that keeps the actuator at
+        its default, or the client that has taken the actuator. None if writes are accepted."""
         return self._image.claims.inhibited(self._slot)
 
     @property
     def claim(self) -> Claim:
-        """Return who drives it now, and what comes next."""
+        """The claim in force: who drives the actuator now, and what comes next."""
         return self._image.claims.claim(self._slot)
 
     def update(self) -> bool:
-        """Synchronous: send the pending value; return True if the driver accepted it. Asynchronous: return True."""
+        """Send the pending value if the actuator is synchronous. Return False if the driver did not accept the
+        value."""
         return self._image.update_some((self._slot,)) if self._synchronous else True
 
     def _default_value(self) -> float:
@@ -89,13 +90,14 @@ class Actuator(Atomic):
 class BinaryActuator(Actuator, Binary[S]):
     """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO.
 
-    `expires` (s, or a text such as "100 ms"): without a write for this time the default is sent. Default: never.
+    `expires` (s, or a string such as "100 ms"): without a write for this time the default is sent. Default: never.
     `on_error` is the reaction to a write that the device did not confirm. "raise" (default): the quality becomes BAD,
     and DriverError is raised. "retry": the value is sent again in every period, with the quality STALE, until it is
-    confirmed or older than `max_age` (s, or a text such as "2 s"), counted from the last confirmation, or from the
-    write for an asynchronous actuator; then as "raise". Only for channels that hold a level, because a pulse must not
-    be sent twice. `when_suspended`: "hold": it keeps its value in a change to manual mode; "default": it goes to its
-    default, unless a law writes it. Default: as the nearest compound declares, else "default".
+    confirmed or older than `max_age` (s, or a string such as "2 s"), counted from the last confirmation, or from the
+    write for an asynchronous actuator; then the reaction is that of "raise". Use "retry" only for channels that hold a
+    level, because a pulse must not be sent twice. `when_suspended`: with "hold" the actuator keeps its value in a
+    change to manual mode; with "default" it goes to its default, unless a law writes it. Without this setting the
+    declaration of the nearest compound counts; without one, "default".
     """
 
     __slots__ = ("_default", "_expires", "_max_age", "_when_suspended")
@@ -134,17 +136,18 @@ class BinaryActuator(Actuator, Binary[S]):
         return self._one if self._image.pending[self._slot] else self._zero
 
     def write(self, value: S) -> bool:
-        """Set a new state. Synchronous: sent by the next `update`. Asynchronous: sent at once.
+        """Set a new state. The next `update` sends it; an asynchronous actuator sends it immediately.
 
-        True: accepted, or sent again with on_error="retry". False: not accepted, see `inhibited`. Raises StateError for
-        a state of another type and changes nothing. Asynchronous: also DriverError.
+        Returns True if the state is accepted, or is sent again with on_error="retry". Returns False if it is not
+        accepted (see `inhibited`). Raises StateError for a state of another type, and then changes nothing. An
+        asynchronous actuator also raises DriverError.
         """
         level = 1.0 if value is self._one else 0.0 if value is self._zero else float(self._level(value))
         write = self._image.write  # a local name: calling an attribute takes longer
         return write(self._slot, level)
 
     def read(self) -> S:
-        """The state last accepted by the hardware."""
+        """Return the state last accepted by the hardware."""
         return self._one if self._image.values[self._slot] else self._zero
 
 
@@ -153,11 +156,11 @@ class DigitalActuator(Actuator, Digital):
 
     `limits` sets what `write` does with a value outside the range. "raise" (default): RangeError, nothing changes.
     "clamp": the nearest bound is taken and `write` returns False. NaN and infinities always raise. `expires` (s, or a
-    text such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
+    string such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
     only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
-    `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; the electrical quantity, raw * resolution +
-    zero_offset, is its inverse at the value. Default: they are the same. `on_error`, `max_age` and `when_suspended` as
-    in a BinaryActuator.
+    `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; its inverse at the value gives the electrical
+    quantity, raw * resolution + zero_offset. Without it, value and electrical quantity are the same. `on_error`,
+    `max_age` and `when_suspended` are those of a BinaryActuator.
     """
 
     __slots__ = ("_clamp", "_default", "_expires", "_max_age", "_slew_rate", "_when_suspended")
@@ -219,11 +222,12 @@ class DigitalActuator(Actuator, Digital):
         return self._image.pending[self._slot]
 
     def write(self, value: float) -> bool:
-        """Set a new value in `units`. Synchronous: sent by the next `update`. Asynchronous: sent at once.
+        """Set a new value in `units`. The next `update` sends it; an asynchronous actuator sends it immediately.
 
-        True: accepted unchanged (rounding to the resolution does not count), or sent again with on_error="retry".
-        False: clamped, or not accepted, see `inhibited`. Raises RangeError and changes nothing if the value is outside
-        the range with limits="raise", or is not a finite number. Asynchronous: also DriverError.
+        Returns True if the value is accepted unchanged (rounding to the resolution does not count), or is sent again
+        with on_error="retry". Returns False if it is clamped or not accepted (see `inhibited`). Raises RangeError if
+        the value is outside the range with limits="raise", or is not a finite number; then nothing changes. An
+        asynchronous actuator also raises DriverError.
         """
         if value.__class__ is not float:
             value = self._number(value)
@@ -233,7 +237,7 @@ class DigitalActuator(Actuator, Digital):
         return write(self._slot, value)
 
     def read(self) -> float:
-        """The value last accepted by the hardware, in `units`, as written (not as quantised)."""
+        """Return the value last accepted by the hardware, in `units`, as written (not as quantised)."""
         return self._image.values[self._slot]
 
     def _write_beyond(self, value: float) -> bool:

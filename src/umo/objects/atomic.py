@@ -104,8 +104,8 @@ class Atomic(Node):
         return not isinstance(self._image, Unconnected)
 
     def reset(self) -> None:
-        """Reset at once, even if synchronous: an actuator goes to its default, a sensor clears faults of its
-        circuit."""
+        """Reset the object immediately, even if it is synchronous: an actuator goes to its default, a sensor clears
+        faults of its circuit."""
         self._image.reset_some((self._slot,))
 
     def acknowledge(self) -> bool:
@@ -113,7 +113,7 @@ class Atomic(Node):
 
     @abstractmethod
     def describe(self) -> str:
-        """Range and units as a short text, for tables."""
+        """Return range and units as a short text, for tables."""
         raise NotImplementedError
 
     @abstractmethod

@@ -1,4 +1,5 @@
-"""Attributes that no class declares: an assignment to one is a misspelling that would have no effect (decision 83)."""
+"""Attributes that no class declares: an assignment to such an attribute is a misspelling that would have no effect
+(decision 83)."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ assignments."""
 
 
 class DeclaredAttributes:
-    """Base of objects with only the attributes that their class declares, which are those that a type checker knows.
+    """Base of objects that have only the attributes that their class declares. A type checker knows the same
+    attributes.
 
     These are the names in the body of the class and of its bases (fields, annotations, values, functions), the
     attributes that a function in it assigns to its own object (`self.started = ...`), and those that are assigned while
@@ -56,7 +58,7 @@ class DeclaredAttributes:
 
 
 def names_in(cls: type) -> set[str]:
-    """The names that a class and its bases declare."""
+    """Return the names that a class and its bases declare."""
     found: set[str] = set()
     for each in cls.__mro__:
         found.update(vars(each), vars(each).get("__annotations__", ()), vars(each).get("_stored", ()))
@@ -69,7 +71,7 @@ def own_names(cls: type) -> set[str]:
 
 
 def shared(names: Iterable[str]) -> frozenset[str]:
-    """Return these names as a set that exists only once, as many objects have the same names."""
+    """Return these names as a set that exists only once, because many objects have the same names."""
     return _the_same(frozenset(names))
 
 

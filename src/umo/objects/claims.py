@@ -1,10 +1,10 @@
 """Who drives an actuator: the highest rank in force (decision 94).
 
-    STOP       the machine ends: no write reaches a driver any more, only resets do; no period follows that shows it
-    FAULT      its equipment is in fault; several levels, one for each equipment around it
-    INTERLOCK  an interlock that names it holds, or is latched; several may
-    CLIENT     one client has taken it
-    PROGRAM    the last write of whoever else: laws, sequences, actions, the program's own loop
+    STOP       the machine ends: only resets still reach a driver, no write does; no later period shows this rank
+    FAULT      the equipment of the actuator is in fault; several levels, one for each equipment around the actuator
+    INTERLOCK  an interlock that names the actuator holds, or is latched; there may be several
+    CLIENT     one client has taken the actuator
+    PROGRAM    the last write of anything else: laws, sequences, actions, the program's loop
 
 A write of a lower rank is refused. The default is always accepted, except from the program while a client has the
 actuator. A rank that ends leaves the default: nothing comes back by itself. Resting (a suspension, a unit that is held)
@@ -37,12 +37,12 @@ class Claim(NamedTuple):
 
     @property
     def who(self) -> str:
-        """Return who drives it, as text."""
+        """The name of what drives the actuator, as text."""
         return f"{WHO[self.rank]}: {self.reason.removeprefix(TAKEN)}" if self.reason else WHO[self.rank]
 
     @property
     def ends(self) -> str:
-        """Return what comes next, as a sentence."""
+        """The sentence that says what comes next."""
         return NEXT[self.rank]
 
 

@@ -73,14 +73,14 @@ class Compound(Node):
         of lists and dicts (for all objects in them). Default: as declared; objects that are not named follow in this
         order. A part uses its own `stop_order`, unless a parent names the part's objects.
     max_period: The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited.
-    equipment: Whether it fails alone (the equipment module of ISA-88): if one of its objects, its `control` or a
-        sequence that was started in it fails, its actuators go to their defaults, in stop order, its sequences end, and
-        it is in fault (`cycle.fault`) until `cycle.clear()`; the rest of the machine continues. "manual": in manual
-        mode only, as an axis. Default: False: a failure belongs to the equipment around it, or ends the run if there is
-        none. On the machine itself it has no effect.
+    equipment: Whether the compound fails alone (the equipment module of ISA-88). If one of its objects, its `control`
+        or a sequence that was started in it fails, its actuators go to their defaults in stop order, its sequences end,
+        and it is in fault (`cycle.fault`) until `cycle.clear()`. The other parts of the machine continue. With "manual"
+        this is so in manual mode only, as for an axis. With False (the default) a failure belongs to the equipment
+        around the compound, or ends the run if there is none. The setting has no effect on the machine itself.
     numbers: The numbers that are not fields, such as those of laws and properties, by the names of the attributes:
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
-        of the object that returns them. Those of the base are kept; for a name in both, those of the subclass count.
+        of the object that returns them. The numbers of the base are kept; for a name in both, the subclass counts.
     when_suspended: What happens to the actuators and axes below in a change to manual mode, and to those that an action
         has left when its client's lease ends. "default": actuators go to their defaults, axes are disabled. "hold":
         actuators keep their values, axes stop on their profiles and stay under control. "run on": actuators keep their
@@ -88,14 +88,15 @@ class Compound(Node):
         so. The nearest declaration counts. Default: actuators "default", axes "hold".
     every: The rate of a part of the machine: it is sampled, controlled and updated in every n-th period (`every=10`),
         or at a period of its own, a multiple of the machine's (`every="10 ms"`). Objects in it have the same rate,
-        unless their class has `every`, too. `dt` and `cycle.period` of the part are those of its own periods. A period
-        carries out the parts with the machine's rate first, their outputs included, then those that are due. On the
-        machine itself it has no effect. Default: that of the object around it; 1 for the machine.
+        unless their class has `every`, too. `dt` and `cycle.period` of the part belong to the periods of the part. A
+        period first carries out the parts with the machine's rate, including their outputs, then the other parts that
+        are due. The setting has no effect on the machine itself. Default: the rate of the object around it; 1 for the
+        machine.
     alarms: The alarms for the operator (ISA-18.2): each an `umo.operation.alarms.Alarm` by its name, or a function of
-        the object that returns this. Those of the base are kept; for a name in both, that of the subclass counts. The
-        path of an alarm is that of the object and its name: `tank.overfill`.
+        the object that returns them. The alarms of the base are kept; for a name in both, the subclass counts. The path
+        of an alarm consists of the object's path and the alarm's name: `tank.overfill`.
 
-    A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
+    A wiring may set a field with a number (or bool, string, Enum). Unit, range and use are annotated:
 
         gain: Annotated[float, Number("V/mm", 0.0, 3.0, tunable=True)] = 0.3
     """
@@ -179,9 +180,9 @@ class Compound(Node):
         self.setup()
 
     def setup(self) -> None:
-        """Called at the end of construction, and again on connect if a wiring sets fields of the machine
-        (`[parameters]`). The `setup` of the parts is called first. Override it to create the class's own attributes,
-        such as control laws."""
+        """Override this method to create the attributes of the class, such as control laws. It is called at the end of
+        construction, and again on connect if a wiring sets fields of the machine (`[parameters]`). The `setup` of the
+        parts is called first."""
 
     def _set_up(self) -> None:
         """`setup` of the parts, then its own."""
@@ -212,36 +213,36 @@ class Compound(Node):
             self._free = shared(self._free | {name})
 
     def interlocks(self) -> Iterable[Interlock]:
-        """The interlocks of this object. Override it to declare interlocks. Called on connect."""
+        """Return the interlocks of this object. Override it to declare interlocks. Called on connect."""
         return ()
 
     def on_suspend(self) -> None:
-        """Called when the machine changes to manual mode, in which the sequences of the application wait. Override it
-        to bring the work of this object to a safe state; the values that it writes remain. Called once, for a parent
-        before its parts."""
+        """Override this method to bring the work of this object to a safe state. It is called once when the machine
+        changes to manual mode, in which the sequences of the application wait, and for a parent before its parts. The
+        values that it writes remain."""
 
     async def on_resume(self) -> None:
-        """Called when the machine changes back to automatic mode, and the actuators have the values of the application
-        again. Override it for work that must be done before the application continues, such as a spindle's run-up. A
-        failure leads back to manual mode."""
+        """Override this method for work that must be done before the application continues, such as a spindle's run-up.
+        It is called when the machine has changed back to automatic mode, and the actuators have the values of the
+        application again. A failure leads back to manual mode."""
 
     # One period ------------------------------------------------------------------------------------
 
     def sample(self) -> bool:
-        """Read every synchronous sensor below, and return True if all are GOOD. DriverError lists the failures. With
-        `outputs = "at next tick"`, `sample` of the whole machine first sends the outputs that `update` left, and also
-        lists those not accepted."""
+        """Read every synchronous sensor below, and return True if all are GOOD. Raises DriverError with a list of the
+        failures. With `outputs = "at next tick"`, `sample` of the whole machine first sends the outputs that `update`
+        has not sent, and the list also has the outputs that were not accepted."""
         return self._machine.sample(self)
 
     def update(self) -> bool:
-        """Send every synchronous actuator below, and return True if all were accepted; otherwise DriverError. With
-        `outputs = "at next tick"` in the wiring's `[process]`, `update` of the whole machine leaves them to the next
-        `sample`."""
+        """Send every synchronous actuator below, and return True. Raises DriverError if one was not accepted. With
+        `outputs = "at next tick"` in the wiring's `[process]`, `update` of the whole machine sends nothing; the next
+        `sample` sends the outputs."""
         return self._machine.update(self)
 
     def reset(self) -> None:
-        """Reset every object below at once: actuators to their defaults in stop order, then sensors clear the faults
-        of their circuits."""
+        """Reset every object below immediately: actuators go to their defaults in stop order, then sensors clear the
+        faults of their circuits."""
         self._machine.reset(self)
 
     def acknowledge(self) -> bool:
@@ -249,13 +250,13 @@ class Compound(Node):
 
     @property
     def dt(self) -> float:
-        """Time since the previous period in s: ticks consumed by the timer times the period. In a sequence: since its
-        previous step."""
+        """The time in s since the previous period: the number of ticks that the timer consumed, times the period. In a
+        sequence: the time since its previous step."""
         return self._machine.clock.dt
 
     @property
     def now(self) -> float:
-        """Seconds on the cycle's clock."""
+        """The time in s on the cycle's clock."""
         return self._machine.clock.now
 
     @property
@@ -385,8 +386,8 @@ def _check_type(where: str, value: object, hint: Any) -> None:
 
 
 def check_machine(function: str, given: object) -> None:
-    """Check a machine. Raises DeclarationError for an object that is not one, such as its class or the function that
-    makes it."""
+    """Check a machine. Raises DeclarationError for anything else, such as the class of a machine or the function that
+    makes one."""
     if not isinstance(given, Compound):
         hint = f"; call it: {function}({given.__name__}(...))" if hasattr(given, "__name__") else ""
         raise DeclarationError(f"{function}() takes a machine, a Compound, not {cut_repr(given)}{hint}")

@@ -16,7 +16,7 @@ from umo.objects.vector import Vector
 
 
 def described(item: Atomic) -> Described:
-    """Return path, kind and meaning of an object and, once it is connected, its wiring (`wire`)."""
+    """Return path, kind and meaning of an object and, if the object is connected, its wiring (`wire`)."""
     about: dict[str, Any] = {"path": item.path, "kind": type(item).__name__, "synchronous": item.synchronous}
     if item.connected:
         about["wire"] = item._image.wire_texts[item._slot]
@@ -31,8 +31,8 @@ def row_of(item: Atomic) -> TableRow:
 
 
 def converted(row: TableRow, unit: str | None) -> TableRow:
-    """Return a number in another unit, with its resolution; a value without a unit is unchanged. DeclarationError and
-    RangeError as in `convert`."""
+    """Return a number in another unit, with its resolution; a value without a unit is unchanged. Raises
+    DeclarationError and RangeError in the cases of `convert`."""
     about = row.about
     if unit is None or not about.is_number:
         return row

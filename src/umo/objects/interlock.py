@@ -18,9 +18,9 @@ from umo.user_code import check_acts_at_once
 
 @dataclass(frozen=True, eq=False)
 class Interlock:
-    """While `condition()` is true, the actuators in `forbids` are inhibited: they are reset at once, in stop order, and
-    stay at their defaults. `write` returns False, and `inhibited` is the reason. After the condition has become false,
-    the next write takes effect.
+    """While `condition()` is true, the actuators in `forbids` are inhibited: they are reset immediately, in stop order,
+    and stay at their defaults. `write` returns False, and `inhibited` is the reason. After the condition has become
+    false, the next write takes effect.
 
         class Lathe(Compound):
             door: BinarySensor[OpenClosed]
@@ -29,15 +29,15 @@ class Interlock:
             def interlocks(self):
                 yield Interlock(lambda: self.door.read() is OpenClosed.OPEN, [self.spindle], "the door is open")
 
-    The condition is evaluated when the machine is connected and in each period, after `sample`; and again, in periods
-    in which parts with rates of their own are due, after their sensors were read. It must be quick and read only
-    synchronous sensors and actuators. If it raises, it counts as true: `state_of` and `value_of` of `umo.control` raise
-    for bad sensors. `forbids` names actuators, or compounds for all actuators in them. `latched`: the interlock
-    inhibits until the condition is false and `acknowledge()` was called, for one of its actuators or for a compound
-    that contains one. This frees all of its actuators. It latches from the first period on; before, it only inhibits.
-    `effect="stop"`: `write` raises Interlocked instead of returning False; unless the error is caught, the run ends, or
-    the equipment whose code has written enters a fault. Default: latched=False, effect="inhibit". An interlock is not a
-    safety function.
+    The condition is evaluated when the machine is connected and in each period, after `sample`. In periods in which
+    parts with other rates are due, it is evaluated again after their sensors were read. The condition must be quick and
+    read only synchronous sensors and actuators. If it raises an error, it counts as true: `state_of` and `value_of` of
+    `umo.control` raise for bad sensors. `forbids` names actuators, or compounds, which stand for all actuators in them.
+    `latched`: the interlock inhibits until the condition is false and `acknowledge()` was called for one of its
+    actuators, or for a compound that contains one. Then all actuators of the interlock are free. The interlock latches
+    from the first period on; before, it only inhibits. `effect="stop"`: `write` raises Interlocked instead of returning
+    False; unless the error is caught, the run ends, or the equipment whose code has written enters a fault. Default:
+    latched=False, effect="inhibit". An interlock is not a safety function.
     """
 
     condition: Callable[[], bool]
@@ -47,7 +47,7 @@ class Interlock:
     effect: Literal["inhibit", "stop"] = "inhibit"
 
     def actuators(self) -> list[Atomic]:
-        """All actuators in `forbids`, in declared order. Raises DeclarationError for anything else."""
+        """Return all actuators in `forbids`, in declared order. Raises DeclarationError for anything else."""
         found: list[Atomic] = []
         for node in self.forbids:
             if isinstance(node, Actuator):

@@ -1,6 +1,6 @@
-"""Interpolation that is equally quick for one number and for many, and gives identical results for both.
+"""Interpolation that is equally quick for one number and for an array, and gives identical results for both.
 
-Beyond their ends, curves continue along a straight line.
+Beyond its ends a curve continues along a straight line.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Cubics:
 
 
 class CubicsOfMany:
-    """Evaluates another curve for each element of an array, in one calculation."""
+    """A separate curve for each element of an array, evaluated in one calculation."""
 
     def __init__(self, each: Sequence[Cubics]) -> None:
         begins: dict[Cubics, int] = {}
@@ -159,12 +159,11 @@ def _evaluate(
 
 
 Group = tuple[Any, IntArray | None]
-"""An interpolation, and the indices of the elements that it is for; None means all."""
+"""An interpolation, and the indices of its elements; None means all elements."""
 
 
 def groups_of(each: Sequence[Any]) -> list[Group]:
-    """Return a calculation on an array whose elements have their own functions: each is an object with `many`, or
-    None."""
+    """Return a calculation on an array in which each element has its own function: an object with `many`, or None."""
     cubics = [(place, one) for place, one in enumerate(each) if isinstance(one, Cubics)]
     others: dict[Any, list[int]] = {}
     for place, one in enumerate(each):

@@ -1,5 +1,5 @@
-"""The reference functions of thermocouples: NIST Standard Reference Database 60, ITS-90 (NIST Monograph 175, the same
-in IEC 60584-1), work of the government of the United States and not subject to copyright."""
+"""The reference functions of thermocouples: NIST Standard Reference Database 60, ITS-90 (NIST Monograph 175; IEC
+60584-1 has the same functions). They are a work of the government of the United States and not subject to copyright."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Reference(NamedTuple):
 
 @cache
 def references() -> dict[str, tuple[Reference, ...]]:
-    """The ranges of each type, ascending."""
+    """Return the ranges of each type, ascending."""
     found: dict[str, tuple[Reference, ...]] = {}
     for block in _TABLE.strip().replace("\n ", " ").split("\n"):
         kind, start, end, *c = block.split()

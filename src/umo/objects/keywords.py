@@ -34,7 +34,7 @@ IN_MANUAL = "manual"
 
 
 class ClassSettings(NamedTuple):
-    """The keywords of a class and its bases, documented at `Compound`."""
+    """The class keywords of a class and its bases. `Compound` documents them."""
 
     stop_order: Sequence[str] = ()
     max_period: str | float | None = None
@@ -68,7 +68,7 @@ def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
 
 
 def declared_reaction(node: Node | None) -> Reaction | None:
-    """The reaction that the nearest compound declares, from this node up, or None if there is none."""
+    """Return the reaction that the nearest compound declares, from this node up, or None if there is none."""
     while node is not None:
         settings: ClassSettings | None = getattr(node, "_settings", None)
         if settings is not None and settings.when_suspended is not None:
@@ -90,12 +90,12 @@ KEYWORDS = {
 FORMER_NAMES = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
 """Former names of class keywords."""
 MISSPELT_RATIO = 0.8
-"""Similarity (difflib's ratio) from which on a name in a class body counts as a misspelt keyword."""
+"""The least similarity (difflib's ratio) at which a name in a class body counts as a misspelt keyword."""
 
 
 def refuse_in_body(cls: type, fields: Collection[str]) -> None:
-    """Check the body of a class. Raises DeclarationError if it assigns a setting, also one that is misspelt or has a
-    former name, because it has no effect there. Fields with these names, methods and classes are allowed."""
+    """Check the body of a class. Raises DeclarationError if the body assigns a setting, even a misspelt one or one with
+    a former name, because a setting has no effect there. Fields with these names, methods and classes are allowed."""
     for name, value in vars(cls).items():
         if name.startswith("_") or name in fields or isinstance(value, type):
             continue

@@ -1,4 +1,4 @@
-"""The laws of a compound: the objects that its code has made besides its parts, such as control laws and state
+"""The laws of a compound: the objects, other than its parts, that its code has made, such as control laws and state
 machines."""
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ NO_LAW = (Node, *PLAIN, type)
 
 
 def laws_of(node: Compound) -> Iterator[tuple[str, Any]]:
-    """The public attributes of a compound that are neither parts nor plain data, each with its name; for lists, tuples
-    and dicts, the objects in them."""
+    """Return the public attributes of a compound that are neither parts nor plain data, each with its name; for lists,
+    tuples and dicts, the objects in them."""
     for name, value in vars(node).items():
         if name.startswith("_") or isinstance(value, NO_LAW):
             continue
@@ -31,12 +31,12 @@ def laws_of(node: Compound) -> Iterator[tuple[str, Any]]:
 
 
 def has_loops(law: Any) -> bool:
-    """True if an object is a control law, whose loops have experiments (`umo.control.experiment`)."""
+    """Return True if an object is a control law, whose loops have experiments (`umo.control.experiment`)."""
     return all(callable(getattr(law.__class__, name, None)) for name in ("experiments", "loops"))
 
 
 def law_named(node: Compound, name: str) -> Any:
-    """The law that `laws_of` gives with this name, or None if there is none."""
+    """Return the law that `laws_of` gives with this name, or None if there is none."""
     attribute, _, key = name.partition(".")
     value = None if attribute.startswith("_") else vars(node).get(attribute)
     if isinstance(value, list | tuple):
@@ -49,7 +49,7 @@ def law_named(node: Compound, name: str) -> Any:
 
 
 def laws_in(root: Compound) -> Iterator[tuple[Compound, str, Any]]:
-    """Every law of a machine once, with the compound that has it and its path."""
+    """Return every law of a machine once, with the compound that has it and its path."""
     known: set[int] = set()
     for node in (root, *walk(root)):
         if isinstance(node, Compound):

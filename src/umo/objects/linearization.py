@@ -4,7 +4,7 @@
 
 x is the electrical quantity that the converter measures or gives, such as mV; f is a `Linearization`. f is strictly
 monotonic over the range of the object, so it has an inverse. Beyond its ends f continues along a straight line: a table
-along its end segments, the others along their end tangents.
+along its end segments, any other function along its end tangents.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from umo.objects.units import same_unit
 
 
 class Linearization(ABC):
-    """A strictly monotonic function from an electrical quantity to a value in units, and its inverse. Equal
-    linearizations are the same function. The scalar and the array forms give identical numbers."""
+    """A strictly monotonic function from an electrical quantity to a value in units, and its inverse. Two
+    linearizations are equal if they are the same function. The scalar and the array methods give identical numbers."""
 
     units: str | None = None
     """The units of the value; None means those of the object."""
@@ -37,11 +37,11 @@ class Linearization(ABC):
 
     @abstractmethod
     def over(self, minimum: float, maximum: float) -> Self:
-        """Return this function for an object with a given range. Raises DeclarationError unless it is strictly
-        monotonic there."""
+        """Return this function prepared for an object with the given range. Raises DeclarationError unless the function
+        is strictly monotonic in this range."""
 
     def to_value(self, x: float) -> float:
-        """The value for an electrical quantity."""
+        """Return the value for an electrical quantity."""
         return self._forward.one(x)
 
     def to_values(self, xs: FloatArray) -> FloatArray:
@@ -49,7 +49,7 @@ class Linearization(ABC):
         return self._forward.many(xs)
 
     def to_input(self, value: float) -> float:
-        """The electrical quantity for a value."""
+        """Return the electrical quantity for a value."""
         return self._inverse.one(value)
 
     def to_inputs(self, values: FloatArray) -> FloatArray:
@@ -98,11 +98,12 @@ class LookupTable(Linearization):
 
 @dataclass(frozen=True)
 class Polynomial(Linearization):
-    """value = c0 + c1 x + c2 x^2 + ...: `Polynomial([c0, c1, c2])`, to 1e-9 of the range.
+    """A polynomial, value = c0 + c1 x + c2 x^2 + ...: `Polynomial([c0, c1, c2])`. Its values are accurate to 1e-9 of
+    the range.
 
     If it has several strictly monotonic parts, the one that covers the range of the object is used; beyond the range
-    its tangents continue. If several parts cover it, `domain` must name the electrical quantities, (from, to), between
-    which it is used.
+    the tangents of this part continue. If several parts cover the range, `domain` must name the electrical quantities,
+    (from, to), between which the polynomial is used.
     """
 
     coefficients: Sequence[float]
@@ -200,7 +201,7 @@ class Linearizations:
 
     @property
     def in_c(self) -> list[tuple[int, CurveTable]] | None:
-        """Return each curve to values with its place, in the form for C; None if one of them is user-defined."""
+        """Each curve to values with its index, in the form for C; None if one of the curves is user-defined."""
         curves = [(place, one) for place, one in enumerate(self._each) if one is not None]
         if any(isinstance(one, _OneByOne) for _, one in curves):
             return None
@@ -218,8 +219,8 @@ class Linearizations:
         return found
 
     def to_inputs(self, values: FloatArray, where: BoolArray) -> FloatArray:
-        """Convert values to electrical quantities, in a new array, at the places where the mask is True; the others are
-        kept."""
+        """Convert values to electrical quantities, in a new array, at the indices where the mask is True; the other
+        elements are kept."""
         found = values.copy()
         for function, places in self._inverse:
             of_group = np.arange(len(values)) if places is None else places

@@ -38,11 +38,12 @@ class Image(Protocol):
     """The process image: an object's slot is an index into each of these."""
 
     write: Callable[[int, float], bool]
-    """Write a value within its range to the actuator with this slot. Return whether it was accepted."""
+    """Write a value within the actuator's range to the actuator with this slot. Return whether the value was
+    accepted."""
     values: memoryview[float]
     """The values: for sensors as last kept, for actuators as last accepted by the hardware."""
     pending: memoryview[float]
-    """Values of actuators as written, to be sent."""
+    """The values of actuators that were written and are to be sent."""
     raws: memoryview
     """The raw integers that belong to `values`."""
     quality: memoryview
@@ -68,22 +69,23 @@ class Image(Protocol):
 
 
 class Task(Protocol):
-    """A started sequence. Another sequence may await it, and gets its result, or TaskFailed if it failed or was
-    cancelled."""
+    """A started sequence. Another sequence may await the task; it gets the task's result, or TaskFailed if the task
+    failed or was cancelled."""
 
     paused: bool
-    """True if it takes no steps, so that no time passes for it; default: False. A program may set it."""
+    """True if the task takes no steps, so that no time passes for it; default: False. A program may set this
+    attribute."""
 
     @property
     def done(self) -> bool:
-        """True if it has ended, for any reason."""
+        """True if the task has ended, for any reason."""
 
     @property
     def result(self) -> Any:
-        """Return its result; None before its end, and if it failed or was cancelled."""
+        """The result of the task; None before its end, and if it failed or was cancelled."""
 
     def cancel(self) -> None:
-        """Raise Cancelled inside it; it may clean up."""
+        """Raise Cancelled inside the sequence, which may clean up."""
 
     def __await__(self) -> Generator[Any, Any, Any]: ...
 
@@ -94,7 +96,7 @@ class Clock(Protocol):
     period: float
     dt: float
     ticks: int
-    """Number of ticks that the last read of the timer consumed; above 1 if periods were missed."""
+    """The number of ticks that the last reading of the timer consumed; above 1 if periods were missed."""
 
     @property
     def now(self) -> float: ...
@@ -115,12 +117,12 @@ class Machine(Protocol):
     def random(self) -> Random: ...
     @property
     def laws(self) -> Sequence[tuple[Any, str, Any]]:
-        """The laws of the machine that have loops, as found when it was connected, each with the compound that has it
-        and its path."""
+        """The laws that have loops, found when the machine was connected: each with the compound that has the law, and
+        the path of the law."""
 
     @property
     def current_task(self) -> Task | None:
-        """The started sequence that takes a step, or is cancelled, at this moment, or None if none does."""
+        """The started sequence that now takes a step or is being cancelled; None if there is none."""
 
     def sample(self, part: Node) -> bool: ...
     def update(self, part: Node) -> bool: ...
@@ -149,9 +151,9 @@ class Cycle:
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         """Start a sequence of this object. It runs from the next period on, in parallel with the others.
 
-        If it fails, a sequence that awaits it gets TaskFailed. If no sequence of the same equipment awaits it, the
-        equipment enters a fault; outside of equipment, `control` raises the error and the run ends. EquipmentFault if
-        the equipment is already in fault.
+        If the sequence fails, a sequence that awaits it gets TaskFailed. If no sequence of the same equipment awaits
+        it, the equipment enters a fault; outside of equipment, `control` raises the error and the run ends. Raises
+        EquipmentFault if the equipment is already in fault.
         """
         return self._machine.start(sequence, self._part)
 
@@ -162,19 +164,20 @@ class Cycle:
         return None if found is None else found.reason
 
     def clear(self) -> list[str]:
-        """End the fault of the equipment that contains this object, and of all equipment in it. Returns their paths.
+        """End the fault of the equipment that contains this object, and of all equipment in it. Return their paths.
 
         Actuators, and the sensors that had failed, are initialised again; incremental sensors among them become
-        UNREFERENCED. Then it may be started again. EquipmentFault while one of its sensors cannot be read, DriverError
-        if an object cannot be initialised; then the equipment stays in fault.
+        UNREFERENCED. Then the equipment may be started again. Raises EquipmentFault while one of its sensors cannot be
+        read, DriverError if an object cannot be initialised; then the equipment stays in fault.
         """
         return self._machine.clear(self._part)
 
     def progress(self, text: str, done: int | None = None, total: int | None = None) -> None:
         """Report what the machine is doing, and how much of its work is done: `m.cycle.progress("turning", 1, 3)`.
 
-        It is shown by `umo run`, `umo show stations`, `umo show values` and the plot, and is in the frames (the first
-        64 bytes). Numbers that are not given do not change. Raises RangeError unless they are whole and 0 or more.
+        The progress is shown by `umo run`, `umo show stations`, `umo show values` and the plot, and its first 64 bytes
+        are in the frames. Numbers that are not given do not change. Raises RangeError unless the numbers are whole and
+        0 or more.
         """
         self._machine.progress(text, done, total)
 
@@ -184,16 +187,16 @@ class Cycle:
             m.cycle.result({"accepted": accepted, "rejected": rejected})
             m.cycle.result(lambda: shift.report())  # called once, at the end
 
-        It is the result of the run, in its table and its summary, however the run ends (an operator stops it, its time
-        is over, or it fails), unless the application returns a result. The last call counts. Data are read at the end,
-        so a dict may still be changed; a function is called when every actuator is at its default and the machine is no
-        longer connected: it may use counts of the program, but must not read objects.
+        This is the result of the run, in its table and its summary, however the run ends (an operator stops it, its
+        time is over, or it fails), unless the application returns a result. The last call counts. Data are read at the
+        end, so a dict may still be changed. A function is called when every actuator is at its default and the machine
+        is no longer connected: the function may use counts of the program, but must not read objects.
         """
         self._machine.result(so_far)
 
     def tell(self, text: str) -> None:
-        """Record an event of this object, which `umo show stations`, the page, frames and black boxes show. If the text
-        is longer than 448 bytes, other processes see only its beginning."""
+        """Record an event of this object. `umo show stations`, the page, frames and black boxes show it. If the text is
+        longer than 448 bytes, other processes see only its beginning."""
         self._machine.tell(self._part._path, text)
 
     @property
@@ -212,13 +215,13 @@ class Cycle:
 
     @property
     def random(self) -> Random:
-        """Random numbers of the machine, the same in each run with the same seed (`connect.seed`; default: 0), so that
-        a recording of it can be replayed."""
+        """The random numbers of the machine. They are the same in each run with the same seed (`connect.seed`; default:
+        0), so that a recording of the run can be replayed."""
         return self._machine.random
 
     @property
     def period(self) -> float:
-        """The sampling period in s; for a part with a rate of its own (`every`), or on a controller with a `cycle`, the
+        """The sampling period in s. For a part with another rate (`every`), or on a controller with a `cycle`, the
         period of the part."""
         return self._machine.period
 

@@ -15,8 +15,8 @@ from umo.text import some
 class Node(DeclaredAttributes):
     """An object with one parent and a path. Base of the atomic objects and of `Compound`.
 
-    It is equal to itself only. A comparison with a number, a text or a state is a mistake: TypeError names what to
-    compare instead."""
+    A node is equal only to itself. A comparison with a number, a string or a state raises TypeError, which names what
+    to compare instead."""
 
     __slots__ = ("__weakref__", "_name", "_parent")
 
@@ -67,12 +67,13 @@ class Node(DeclaredAttributes):
         )
 
     def control(self) -> None:
-        """Called once per period. Override it to implement control. A parent is called before its children."""
+        """Override this method to implement control. It is called once per period, for a parent before its children."""
 
     def acknowledge(self) -> bool:
-        """Acknowledge latched interlocks: free the actuators of this object whose condition is no longer true.
+        """Acknowledge latched interlocks: free the actuators of this object if the conditions that inhibited them are
+        no longer true.
 
-        Returns True if none of its actuators is inhibited any more.
+        Return True if none of the object's actuators is inhibited any more.
         """
         raise NotImplementedError
 
@@ -92,7 +93,7 @@ class Node(DeclaredAttributes):
 
 
 def outwards(node: Node | None) -> Iterator[Node]:
-    """An object and the compounds around it, the innermost first."""
+    """Return an object and the compounds around it, the innermost first."""
     while node is not None:
         yield node
         node = node._parent

@@ -1,5 +1,6 @@
-"""The numbers of a machine, which a wiring sets, and which are tuned and shown: the fields of compounds and laws, and
-the numbers that these declare in `numbers`. bool, text and Enum also count as numbers if a wiring sets them.
+"""The numbers of a machine, which can be set by a wiring, tuned and shown: the fields of compounds and laws, and the
+numbers that compounds and laws declare in `numbers`. A bool, a string and an Enum also count as numbers if a wiring
+sets them.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ class MachineNumber(NamedTuple):
     """Type: bool, int, float, str or an Enum; None means a number without an annotation, which stays an int as long as
     it is whole."""
     is_field: bool
-    """True if it is a field of a compound, from which `setup` may compute others."""
+    """True if the number is a field of a compound. `setup` may compute other numbers from a field."""
     settable: bool
-    """True if a wiring may set it: a field, or a number that is declared in `numbers` and not only shown."""
+    """True if a wiring may set the number: if it is a field, or is declared in `numbers` and not only shown."""
 
     @property
     def value(self) -> Any:
@@ -52,8 +53,8 @@ class MachineNumber(NamedTuple):
         return nan if error is not None else number
 
     def checked(self, value: object) -> Any:
-        """Return the value to set, with an Enum given by its name. Raises RangeError if it has another type or is out
-        of the range."""
+        """Return the value to set, with an Enum given by its name. Raises RangeError if the value has another type or
+        is out of the range."""
         if self.kind in (bool, str):
             if type(value) is not self.kind:
                 raise RangeError(f"{self.path}: {value!r} is not {'true or false' if self.kind is bool else 'a text'}")
@@ -88,8 +89,8 @@ class MachineNumber(NamedTuple):
         setattr(self.owner, self.name, value)
 
     def set(self, value: object) -> None:
-        """Tune it. Raises RangeError if the value is not a number within the range, or if its owner does not accept it;
-        then the number is not changed."""
+        """Tune the number. Raises RangeError if the value is not a number within the range, or if the owner of the
+        number does not accept it; then the number is not changed."""
         number, before = self.checked(value), self.value
         _, error = attempt(self._set, number)
         if error is not None:
@@ -113,22 +114,22 @@ class MachineNumber(NamedTuple):
 
 @cache
 def states_of(kind: EnumMeta) -> Mapping[int, str]:
-    """The names of an Enum's members by number: by their values if all are whole numbers, otherwise by their places
-    from 0."""
+    """Return the names of an Enum's members by number: by their values if all are whole numbers, otherwise by their
+    positions, counted from 0."""
     members: list[Any] = list(kind.__members__.values())
     whole = all(type(each.value) is int for each in members)
     return {each.value if whole else place: each.name.lower().replace("_", " ") for place, each in enumerate(members)}
 
 
 def number_in(kind: EnumMeta, member: Any) -> int:
-    """The number of a member, as in `states_of`."""
+    """Return the number of a member, as in `states_of`."""
     return int(member.value) if type(member.value) is int else list(kind.__members__.values()).index(member)
 
 
 def numbers_of(root: Compound) -> dict[str, MachineNumber]:
-    """Return every number of a machine, by path: for each compound the numbers that it declares in `numbers`, its
-    fields, then those of its laws. Declarations of a compound override those of its laws. Raises DeclarationError for
-    an invalid declaration."""
+    """Return every number of a machine, by path: for each compound the numbers that it declares in `numbers`, then its
+    fields, then the numbers of its laws. Declarations of a compound override those of its laws. Raises DeclarationError
+    for an invalid declaration."""
     found: dict[str, MachineNumber] = {}
     for node in (root, *walk(root)):
         if isinstance(node, Compound):
@@ -138,8 +139,8 @@ def numbers_of(root: Compound) -> dict[str, MachineNumber]:
 
 
 def check_settings(owner: Any) -> None:
-    """Ask a law about its settings after a change. Raises DeclarationError or RangeError if they are not valid. An
-    owner that has no `check_settings` accepts all."""
+    """Ask a law to check its settings after a change. Raises DeclarationError or RangeError if the settings are not
+    valid. An owner that has no `check_settings` accepts all."""
     check = getattr(owner, "check_settings", None)
     if callable(check):
         with raise_as(DeclarationError, f"{type(owner).__name__}.check_settings failed"):

@@ -12,17 +12,18 @@ from umo.text import did_you_mean
 
 
 def path_of(node: Node) -> str:
-    """The place of an object in its machine, without the root: `z.motor`, `axes.0`; the root's is ''."""
+    """Return the path of an object in its machine, without the root: `z.motor`, `axes.0`. The path of the root is
+    ''."""
     return node._path
 
 
 def children(node: Node) -> Mapping[str, Node]:
-    """The parts of a compound by name; a part in a list or dict is named `axes.0`."""
+    """Return the parts of a compound by name; a part in a list or dict is named `axes.0`."""
     return node._children
 
 
 def walk(node: Node) -> Iterator[Node]:
-    """Every object below this one, in declared order, a compound before its parts."""
+    """Return every object below this one, in declared order, a compound before its parts."""
     waiting = [iter(node._children.values())]
     while waiting:
         for child in waiting[-1]:
@@ -35,20 +36,20 @@ def walk(node: Node) -> Iterator[Node]:
 
 
 def is_within(node: Node | None, compound: Node) -> bool:
-    """True if an object is this compound, or is below it."""
+    """Return True if an object is this compound, or is below it."""
     while node is not None and node is not compound:
         node = node._parent
     return node is not None
 
 
 def atoms(node: Node) -> Iterator[Atomic]:
-    """Every atomic object below this one, in declared order."""
+    """Return every atomic object below this one, in declared order."""
     return (each for each in walk(node) if isinstance(each, Atomic))
 
 
 def find(node: Node, path: str) -> Node:
-    """Return the object at a path below this one, such as "z.motor". PathError with the nearest one if there is
-    none."""
+    """Return the object at a path below this one, such as "z.motor". Raises PathError, with the nearest path, if there
+    is none."""
     known = _below(node)
     if path not in known:
         raise _no_object(node, path, known)
@@ -56,8 +57,8 @@ def find(node: Node, path: str) -> Node:
 
 
 def named(node: Node, pattern: str) -> list[Node]:
-    """The objects below this one that a path, the path of a list or dict (for all objects in it), or a pattern
-    (`zones.*.heater`) names, in declared order. Raises PathError if there is none, unless its list is empty."""
+    """Return the objects below this one that a path, the path of a list or dict (for all objects in it), or a pattern
+    (`zones.*.heater`) names, in declared order. Raises PathError if there is none, except for an empty list or dict."""
     known = _below(node)
     found = [each for path, each in known.items() if matches(pattern, path) or _is_in(pattern, path, each)]
     held = getattr(node, pattern.partition(".")[0], None)
@@ -71,7 +72,7 @@ def is_pattern(path: str) -> bool:
 
 
 def matches(pattern: str, path: str) -> bool:
-    """True if a path is the pattern, in which `*` stands for one part of a path."""
+    """Return True if a path matches the pattern, in which `*` stands for one part of a path."""
     parts, names = pattern.split("."), path.split(".")
     return len(parts) == len(names) and all(part in (ANY, name) for part, name in zip(parts, names, strict=True))
 

@@ -4,17 +4,17 @@ from enum import IntEnum
 
 
 class Quality(IntEnum):
-    """How far a value can be trusted. Control laws accept GOOD and STALE; the others only if the call accepts them
-    explicitly."""
+    """How far a value can be trusted. Control laws accept GOOD and STALE; they accept other qualities only if the call
+    names these."""
 
     GOOD = 0
     OUT_OF_RANGE = 1
     """The value is outside the range by more than half a resolution."""
     UNREFERENCED = 2
-    """An incremental sensor before homing has called `referenced()`."""
+    """The sensor is incremental, and homing has not called `referenced()` yet."""
     STALE = 3
-    """The device failed; this is the last value, not older than `max_age`. For an actuator: the last value that the
-    device confirmed; another one may be pending."""
+    """The device failed; this is the last value, not older than `max_age`. For an actuator this is the last value that
+    the device confirmed; another value may be pending."""
     BAD = 4
     """The device failed; do not use the value."""
 

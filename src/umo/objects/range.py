@@ -16,7 +16,7 @@ from umo.objects.units import check_unit
 from umo.text import cut_repr
 
 MAX_NAMED = 2**53
-"""Largest number that may have a name: a float has every whole number up to it."""
+"""The largest number that may have a name: a float can represent every whole number up to this one."""
 
 
 class Ranged(Protocol):
@@ -32,8 +32,8 @@ class Ranged(Protocol):
 
 @dataclass(frozen=True)
 class Range:
-    """Unit and bounds of a number: `Range("um", 0.0, 80_000.0)`. Both bounds are included. The unit is a text that pint
-    knows; "" means a plain number. An infinite bound means not limited. Raises DeclarationError if the unit is not
+    """Unit and bounds of a number: `Range("um", 0.0, 80_000.0)`. Both bounds are included. The unit is a string that
+    pint knows; "" means a plain number. An infinite bound sets no limit. Raises DeclarationError if the unit is not
     known or there is no number between the bounds.
     """
 
@@ -55,7 +55,8 @@ class Range:
 
     @classmethod
     def of(cls, item: Ranged) -> Range:
-        """Return the range of an object: for a position that of the encoder, for an output that of the actuator."""
+        """Return the range of an object: the range of the encoder for a position, the range of the actuator for an
+        output."""
         return cls(item.units, item.minimum, item.maximum)
 
     def check(self, name: str, value: object) -> float:
@@ -70,13 +71,13 @@ class Range:
         return int(number)
 
     def admits(self, values: Sequence[object]) -> bool:
-        """True if `check` accepts each of these values."""
+        """Return True if `check` accepts each of these values."""
         low, high = max(self.minimum, -float_info.max), min(self.maximum, float_info.max)
         return {*map(type, values)} <= {int, float} and all(low <= value <= high for value in values)  # type: ignore[operator]
 
     def checked(self, name: str, value: object) -> float:
-        """Return the value unchanged, an int or a float. RangeError like `check`, and for an int that a float cannot
-        express."""
+        """Return the value unchanged, an int or a float. Raises RangeError in the cases of `check`, and for an int that
+        a float cannot express."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise RangeError(f"{name}: {value!r} is not a number{self._in_unit}")
         if not -float_info.max <= value <= float_info.max:
@@ -103,22 +104,23 @@ class Range:
 
 @dataclass(frozen=True)
 class Number(Range):
-    """Unit, range and use of a number of a machine: `Number("V/mm", 0.0, 3.0, tunable=True)`. The only use of a number
-    with a plain `Range` is that a wiring may set it."""
+    """Unit, range and use of a number of a machine: `Number("V/mm", 0.0, 3.0, tunable=True)`. A number that is declared
+    with a plain `Range` can only be set by a wiring."""
 
     unit: str = ""
     minimum: float = -inf
     maximum: float = inf
     _: KW_ONLY
     tunable: bool = False
-    """True if it may be changed while the machine runs: `umo tune number`, `umo.attach`, the page."""
+    """True if the number may be changed while the machine runs: `umo tune number`, `umo.attach`, the page."""
     shown: bool = False
-    """True if it is shown beside the objects: in frames, trace, plot and `umo show values`."""
+    """True if the number is shown together with the objects: in frames, trace, plot and `umo show values`."""
     kept: bool = False
-    """True if its last value is kept over a restart: for a float, int, bool or Enum. It is also shown in frames."""
+    """True if the last value is kept over a restart. Possible for a float, int, bool or Enum. The number is also shown
+    in frames."""
     names: Mapping[int, str] = field(default_factory=dict, hash=False)
-    """Names with which its values are shown, such as `{0: "none", 1: "glue"}`; an Enum has its own. Empty for a plain
-    number."""
+    """The names with which the values are shown, such as `{0: "none", 1: "glue"}`. An Enum has its own names. Empty for
+    a plain number."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

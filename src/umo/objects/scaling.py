@@ -4,9 +4,9 @@
     raw   = round((value - zero_offset) / resolution), half to even
 
 The paper's `resolution` is the change of the value for one bit, `zero_offset` the value of raw 0 (section 4.5). The
-code divides and never multiplies by a reciprocal, which would differ in the half-step cases. The scalar and the
-vectorised forms, and the C of blocks and controllers (`umo_scaling.h`), do the same IEEE operations in the same order;
-tests prove them equal. An inverted binary channel is resolution -1, zero offset 1.
+code divides and never multiplies by a reciprocal, because the results would differ for values midway between two raw
+integers. The scalar and the vectorised forms, and the C of blocks and controllers (`umo_scaling.h`), do the same IEEE
+operations in the same order; tests prove them equal. An inverted binary channel is resolution -1, zero offset 1.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ def to_raw(value: float, resolution: float, zero_offset: float) -> int:
 
 
 def raw_bounds(minimum: float, maximum: float, resolution: float, zero_offset: float) -> tuple[int, int]:
-    """The least and the greatest raw integer whose value lies within the range; the least is above the greatest if
-    there is none. A value that differs from a bound only by a rounding error of the division counts as equal to it."""
+    """Return the least and the greatest raw integer whose value lies within the range; if there is none, the returned
+    least integer is above the greatest. A value that differs from a bound only by a rounding error of the division
+    counts as equal to it."""
     ends = sorted((bound - zero_offset) / resolution for bound in (minimum, maximum))
     return math.ceil(ends[0] - BOUND_TOLERANCE), math.floor(ends[1] + BOUND_TOLERANCE)
 
@@ -64,7 +65,7 @@ def to_raws(
     least: FloatArray | float = -(2.0**63),
     greatest: FloatArray | float = 2.0**63 - 1024.0,
 ) -> IntArray:
-    """Convert values to raw integers. They are clipped before they become integers, since the bounds are valid raw
+    """Convert values to raw integers. Values are clipped before they become integers, because the bounds are valid raw
     integers."""
     scaled = to_steps(values, resolution, zero_offset)
     np.rint(scaled, out=scaled)

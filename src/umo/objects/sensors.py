@@ -32,8 +32,8 @@ class Sensor(Atomic):
     """True if a failure marks the value BAD and raises nothing."""
 
     def sample(self) -> bool:
-        """Synchronous: read the hardware and keep the value; return True if its quality is GOOD. Asynchronous: return
-        True."""
+        """Read the hardware and keep the value if the sensor is synchronous. Return False if the quality of the value
+        is not GOOD."""
         return self._image.sample_some((self._slot,)) if self._synchronous else True
 
 
@@ -60,8 +60,8 @@ class BinarySensor(Sensor, Binary[S]):
         self._max_age, self._marks = _on_error(on_error, max_age)
 
     def read(self) -> S:
-        """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now. BadInput for a sensor
-        that was never read (`on_error="mark"`), because it has no state."""
+        """Return the state that the last `sample` has kept; an asynchronous sensor reads the hardware now. Raises
+        BadInput for a sensor that was never read (`on_error="mark"`), because it has no state."""
         image = self._image
         level = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
         if not level:
@@ -75,21 +75,22 @@ class DigitalSensor(Sensor, Digital):
     """A group of input bits: a counter, an ADC. EPICS ai, Modbus input register, OPC UA AnalogItem, BACnet AI.
 
     `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `linearization`: a `Polynomial`,
-    `LookupTable` or `Thermocouple` from the electrical quantity, raw * resolution + zero_offset, to the value; default:
-    they are the same. `invalid_raws`: raw values with which the circuit reports an invalid reading, such as 0x7FFF for
-    an open thermocouple; such a reading has failed.
+    `LookupTable` or `Thermocouple` from the electrical quantity, raw * resolution + zero_offset, to the value; without
+    it both are the same. `invalid_raws`: raw values with which the circuit reports an invalid reading, such as 0x7FFF
+    for an open thermocouple. Such a reading counts as failed.
 
     `rollover`: the bits of a counter that starts again at 0 after its highest number, such as 16 for a line encoder;
     True means the bits of its channel. The value continues by the shortest way, so between two readings the counter
     must change by less than half of its range. `filter`: time constant in s (or "20 ms") of a low pass of the first
     order on the value. `velocity`: the sensor also has `sensor.velocity`, the change of the unfiltered value per
-    second, shown as `PATH.velocity`; the setting is the time constant of its low pass; 0 means no low pass. Default:
-    none of these. `on_error` is the reaction to a failed reading. "raise" (default): the quality becomes BAD, and
-    DriverError is raised. "hold": the last value is kept for `max_age` (s, or a text such as "50 ms") with the quality
-    STALE, which control laws accept; then as "raise". "mark": the quality becomes BAD, after `max_age` if it is given,
-    and no error is raised; control laws refuse the value, `quality` shows it, and the other sensors and the run
-    continue. `read` then returns the last value, NaN if there was none: in conditions, such as those of interlocks, use
-    `value_of` of `umo.control`, which raises.
+    second, shown as `PATH.velocity`. The setting is the time constant of the velocity's low pass; 0 means no low pass.
+    By default a sensor has no rollover, filter or velocity. `on_error` is the reaction to a failed reading. "raise"
+    (default): the quality becomes BAD, and DriverError is raised. "hold": the last value is kept for `max_age` (s, or a
+    string such as "50 ms") with the quality STALE, which control laws accept; then the reaction is that of "raise".
+    "mark": the quality becomes BAD, after `max_age` if it is given, and no error is raised; control laws refuse the
+    value, `quality` shows it, and the other sensors and the run continue. `read` then returns the last value, or NaN if
+    there was none. In conditions, such as those of interlocks, therefore use `value_of` of `umo.control`, which raises
+    BadInput.
     """
 
     __slots__ = ("_filter", "_incremental", "_marks", "_max_age", "_velocity")
@@ -123,16 +124,16 @@ class DigitalSensor(Sensor, Digital):
         return self._incremental
 
     def read(self) -> float:
-        """The value in `units`; NaN if it was never read. Synchronous: kept by the last `sample`. Asynchronous: reads
-        the hardware now."""
+        """Return the value in `units` that the last `sample` has kept; an asynchronous sensor reads the hardware now.
+        NaN if the sensor was never read."""
         image = self._image
         value: float = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
         return value
 
     @property
     def velocity(self) -> float:
-        """Change of the value in `units` per s at the last reading; 0 before the second one. Raises DeclarationError
-        for a sensor that is declared without `velocity`."""
+        """The change of the value in `units` per s at the last reading; 0 before the second reading. Raises
+        DeclarationError for a sensor that is declared without `velocity`."""
         if self._velocity is None:
             raise DeclarationError(
                 f'{self.path} is declared without `velocity`; give it a time constant such as "10 ms"'
@@ -143,9 +144,9 @@ class DigitalSensor(Sensor, Digital):
         """Mark the value as referenced by homing. With False the reference is lost, and the quality is UNREFERENCED
         again.
 
-        `at` is the true value in `units` of the last reading, for a counter that homing cannot preset: from now on
-        `zero_offset` is changed so that `read`, the range, frames and traces agree with it. This is valid until the
-        machine is disconnected. BadInput if there is no reading, DeclarationError for a sensor with a linearization.
+        `at` is the true value in `units` of the last reading, for a counter that homing cannot preset. `zero_offset` is
+        then changed so that `read`, the range, frames and traces agree with `at`, until the machine is disconnected.
+        Raises BadInput if there is no reading, DeclarationError for a sensor with a linearization.
         """
         if not self._incremental:
             raise DeclarationError(f"{self.path} is not declared incremental")

@@ -12,10 +12,11 @@ from umo.objects.paths import children, named
 
 
 def stop_sequence(root: Compound) -> list[Atomic]:
-    """The machine's actuators in the order in which they are brought to their defaults.
+    """Return the machine's actuators in the order in which they are brought to their defaults.
 
-    At every level of the tree: first what `stop_order` names, in its order, then the other parts as declared, each in
-    its own order. The order of a compound further up takes precedence for the objects that it names.
+    At every level of the tree, the parts that `stop_order` names come first, in the order given there; the other parts
+    follow as declared. Each part is ordered in the same way. The order of a compound further up takes precedence for
+    the objects that it names.
     """
     order = dict.fromkeys(_in_order(root))  # of an object that is met twice the first place counts
     return [item for item in order if item.direction is Direction.OUTPUT]

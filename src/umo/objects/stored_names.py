@@ -1,5 +1,5 @@
-"""The attributes that the functions of a class assign to their object, `self.started = self.now`: those that a type
-checker counts as declared. They are read from the compiled code."""
+"""The attributes that the functions of a class assign to their object, such as `self.started = self.now`. A type
+checker counts them as declared. They are read from the compiled code."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Store(NamedTuple):
 
 
 def stores_in(cls: type) -> Iterator[Store]:
-    """The stores of the functions in the body of a class."""
+    """Return the stores of the functions in the body of a class."""
     for name, value in vars(cls).items():
         for function in functions_of(value):
             code = function.__code__
@@ -38,7 +38,7 @@ def stores_in(cls: type) -> Iterator[Store]:
 
 
 def functions_of(value: Any) -> Iterator[FunctionType]:
-    """The functions of a value in a class, including those of a property and of a decorated function."""
+    """Return the functions of a value in a class, including those of a property and of a decorated function."""
     if isinstance(value, property):
         inner = [value.fget, value.fset, value.fdel]
     elif isinstance(value, cached_property):
@@ -87,8 +87,8 @@ def _line_of(instruction: Any, code: CodeType) -> int:
 
 
 def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> None:
-    """Raise DeclarationError for an assignment outside `setup` to a misspelt known name that no function of the class
-    reads, because it would have no effect."""
+    """Raise DeclarationError for an assignment outside `setup` to a name that is a misspelling of a known name and that
+    no function of the class reads: the assignment would have no effect."""
     for name, _, place in stores:
         meant = next((each for each in known if name not in known and is_slip(name, each)), None)
         if meant is not None and not _is_read(cls, name):
@@ -99,7 +99,7 @@ def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> 
 
 
 def is_slip(name: str, meant: str) -> bool:
-    """True if two neighbouring letters are swapped, or if a letter within the name is missing or added."""
+    """Return True if two neighbouring letters are swapped, or if a letter within the name is missing or added."""
     if min(len(name), len(meant)) < SHORTEST or name[0] != meant[0]:
         return False
     short, long = sorted((name, meant), key=len)

@@ -16,7 +16,7 @@ CELLS, FULL_CELLS = 2048, 32768
 
 
 class Limits(NamedTuple):
-    """Ends of a type's range in degC. Above `usual` the temperature follows from the voltage with good accuracy."""
+    """The ends of a type's range in degC. Above `usual` the voltage determines the temperature with good accuracy."""
 
     start: float
     usual: float
@@ -33,7 +33,8 @@ KINDS = {
     "S": Limits(-50.0, -50.0, 1768.1),
     "T": Limits(-270.0, -200.0, 400.0),
 }
-"""The ranges of ITS-90. That of B begins at 0 degC, but below 42 degC two temperatures have one voltage."""
+"""The ranges of ITS-90. The range of type B begins at 0 degC, but below 42 degC two temperatures have the same
+voltage."""
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from umo.text import cut_repr
 
 
 def checked_truth(name: str, value: object) -> bool:
-    """The value of a setting. Raises DeclarationError if it is neither True nor False."""
+    """Return the value of a setting. Raises DeclarationError if it is neither True nor False."""
     if not isinstance(value, bool):
         raise DeclarationError(f"{name}={cut_repr(value)} is neither True nor False")
     return value
 
 
 def is_one_of(given: object, texts: Collection[str]) -> bool:
-    """True if a setting is one of these texts. A state is not a text, and raises an error when compared with one
-    (`umo.states`)."""
+    """Return True if a setting is one of these strings. A state is not a string, and raises an error when compared with
+    one (`umo.states`)."""
     return isinstance(given, str) and given in texts

@@ -1,4 +1,4 @@
-"""Units are those of pint; values in the loop are plain floats in the declared unit.
+"""The units, which are those of pint. Values in the loop are plain floats in the declared unit.
 
 pint is imported with the first declaration, not with umo: because that takes 0.2 s.
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @cache
 def registry() -> UnitRegistry[Any]:
-    """umo's only pint registry, which also has `sampling_period`, the unit of the paper's `Timer_Input`."""
+    """Return umo's only pint registry, which also has `sampling_period`, the unit of the paper's `Timer_Input`."""
     from pint import UnitRegistry
 
     units: UnitRegistry[Any] = UnitRegistry()
@@ -46,11 +46,12 @@ _USUAL = frozenset(_USUAL_NAMES.split())
 """Names that pint knows, as most machines declare them: units made of them are accepted without pint, whose import and
 whose registry take 0.3 s at each start."""
 LOGARITHMIC_DIGITS = 12
-"""Number of digits that a conversion through logarithms gives: 30 dBm are 1000 mW, not 1000.0000000000007."""
+"""The number of digits to which a conversion through logarithms is rounded: 30 dBm are 1000 mW, not
+1000.0000000000007."""
 
 
 def check_unit(unit: str) -> str:
-    """Return the unit if pint knows it; DeclarationError otherwise."""
+    """Return the unit. Raises DeclarationError if pint does not know it."""
     if not isinstance(unit, str):
         raise DeclarationError(f"{cut_repr(unit)} is not a unit; write a text such as mm/s")
     return _checked_unit(unit)
@@ -80,7 +81,7 @@ def _unit_names() -> list[str]:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """True if pint considers two units the same: "degC" and "degree_Celsius"."""
+    """Return True if pint considers two units the same: "degC" and "degree_Celsius"."""
     if one == other:
         return True
     parse = registry().parse_units
@@ -89,7 +90,7 @@ def same_unit(one: str, other: str) -> bool:
 
 @lru_cache(maxsize=1024)
 def line_between(source: str, target: str) -> tuple[float, float] | None:
-    """Factor and offset of the conversion; None if it is not linear, as for logarithmic units such as dBm."""
+    """Return factor and offset of the conversion; None if it is not linear, as for logarithmic units such as dBm."""
     zero, one, two, three = (_exactly(x, source, target) for x in (0.0, 1.0, 2.0, 3.0))
     if not math.isclose(two - one, three - two, rel_tol=1e-6):
         return None
@@ -111,9 +112,9 @@ def _angle(unit: str) -> float:
 
 
 def convert(value: float, source: str, target: str) -> float:
-    """Return the value in another unit of the same dimension. Raises DeclarationError if there is none, or if only one
-    of the two contains an angle ("Hz" and "rpm"). Raises RangeError for a value that the other unit cannot express (0
-    mW in dBm)."""
+    """Return the value in another unit of the same dimension. Raises DeclarationError if the units have different
+    dimensions, or if only one of the two contains an angle ("Hz" and "rpm"). Raises RangeError for a value that the
+    other unit cannot express (0 mW in dBm)."""
     check_unit(source)
     check_unit(target)
     if _angle(source) != _angle(target):

@@ -1,4 +1,4 @@
-"""Many objects of one kind, read or written at once with the methods of a single object."""
+"""Many objects of one kind that are read or written together, with the methods of a single object."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Vector(Generic[A]):
 
     @property
     def pending(self) -> FloatArray:
-        """For actuators: the values last written, sent by the next `update`; a new array of shape (n,)."""
+        """The values last written to actuators, which the next `update` sends; a new array of shape (n,)."""
         slots = self._located()
         return np.array(slots.image.columns.pending[slots.slots])
 
@@ -106,9 +106,9 @@ class Vector(Generic[A]):
         """Set new values: an array of shape (n,) or one value for all. If it raises RangeError, no value is changed.
 
         `where`: booleans of shape (n,); objects where it is False are not written. Default: all are written. Returns
-        True if all were accepted unchanged, False if some were clamped (limits="clamp"), are inhibited by an interlock,
-        or were not accepted by their device (asynchronous ones). Synchronous: sent by the next `update`. Asynchronous:
-        sent at once.
+        True if all were accepted unchanged. Returns False if a value was clamped (limits="clamp"), an interlock
+        inhibits an actuator, or the device of an asynchronous actuator did not accept its value. The next `update`
+        sends the values; asynchronous actuators send them immediately.
         """
         if self._objects[0].direction is not Direction.OUTPUT:
             raise DeclarationError(f"{self!r} contains sensors; only actuators can be written")
@@ -120,7 +120,7 @@ class Vector(Generic[A]):
         return taken and free
 
     def mask(self, where: BoolArray) -> BoolArray:
-        """Return the mask if it has a bool for each object; RangeError otherwise."""
+        """Return the mask. Raises RangeError unless it has a bool for each object."""
         if not isinstance(where, np.ndarray) or where.dtype != np.bool_ or where.shape != (len(self),):
             raise RangeError(f"{where!r} is not an array of {len(self)} booleans")
         return where
@@ -136,12 +136,12 @@ class Vector(Generic[A]):
         return taken and free
 
     def sample(self) -> bool:
-        """Synchronous sensors: read these objects only, now; True if all are GOOD."""
+        """Read these synchronous sensors now, and no others. Return True if all are GOOD."""
         slots = self._located()
         return slots.image.sample_some(slots.all_slots) if self._objects[0].synchronous else True
 
     def update(self) -> bool:
-        """Synchronous actuators: send the pending values of these objects only, now."""
+        """Send the pending values of these synchronous actuators now, and no others."""
         slots = self._located()
         return slots.image.update_some(slots.all_slots) if self._objects[0].synchronous else True
 

@@ -1,5 +1,6 @@
-"""What an operator has of a machine: the states of its parts (PackML, ISA-88), recipes, alarms (ISA-18.2), and the
-commands from outside with roles and lease (`operation.commands`). Who gives these commands is in `umo.clients`."""
+"""The functions of a machine for its operators: the states of its parts (PackML, ISA-88), recipes, alarms (ISA-18.2),
+and the commands from outside with roles and lease (`operation.commands`). The clients that send these commands are in
+`umo.clients`."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -21,8 +22,8 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import each name when it is first used (PEP 562), because programs that read alarms or give commands need none of
-    them."""
+    """Import each name when it is first used (PEP 562), because programs that read alarms or send commands need none of
+    these names."""
     if name not in _MODULES:
         raise AttributeError(f"module 'umo.operation' has no attribute {name!r}")
     found = globals()[name] = getattr(import_module(f"umo.operation.{_MODULES[name]}"), name)

@@ -1,4 +1,4 @@
-"""A state machine as data: its states, and the states to which commands and finished sequences lead."""
+"""A state machine as data: its states, and the next states after commands and after the end of sequences."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class StateModel:
     execute: IntEnum
     """The state in which the part does its work."""
     acting: Mapping[IntEnum, IntEnum]
-    """Acting states (transient ones of ISA-88), and the state that follows when the sequence of each has ended."""
+    """The acting states (in ISA-88: transient states), each with the state that follows when its sequence has ended."""
     commands: Mapping[str, Mapping[IntEnum, IntEnum]]
-    """The target of each command, by the states in which it is possible."""
+    """The target of each command, by the states in which the command is possible."""
     waiting: Collection[IntEnum]
     """The states in which the sequence of `execute` waits to be resumed."""
     stopped: IntEnum
@@ -45,7 +45,7 @@ class StateModel:
     """Column and row of each state in a diagram."""
 
     def possible(self, state: IntEnum) -> list[str]:
-        """The commands that are possible in a state."""
+        """Return the commands that are possible in a state."""
         return [name for name, targets in self.commands.items() if state in targets]
 
     def describe(self) -> dict[str, Any]:
@@ -63,10 +63,10 @@ class StateModel:
 
 
 def title(state: IntEnum) -> str:
-    """The name of a state as it is shown: `unholding`."""
+    """Return the name of a state as it is shown: `unholding`."""
     return state.name.lower().replace("_", " ")
 
 
 def sequence_name(model: StateModel, state: IntEnum) -> str:
-    """The name of the method that is the sequence of an acting state."""
+    """Return the name of the method that is the sequence of an acting state."""
     return EXECUTE if state is model.execute else state.name.lower()

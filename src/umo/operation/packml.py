@@ -1,4 +1,4 @@
-"""The states of PackML (ISA-TR88.00.02-2015; OPC 30050, whose NodeSet2 the tests compare with)."""
+"""The states of PackML (ISA-TR88.00.02-2015; OPC 30050). The tests compare them with the NodeSet2 of OPC 30050."""
 
 from __future__ import annotations
 
@@ -115,10 +115,10 @@ class PackML(UnitStates):
             def setup(self) -> None:
                 self.unit = FillerStates(self)
 
-    A sequence for each acting state, as far as there is something to do: `resetting`, `starting`, `execute`,
-    `completing`, `holding`, `unholding`, `suspending`, `unsuspending`, `stopping`, `aborting`, `clearing`. When it
-    ends, the next state follows. While the part is held or suspended, the sequence of `execute` waits, and continues
-    afterwards where it was; a motion in progress continues to its end unless `holding` stops it.
+    Define a sequence for each acting state in which the part has something to do: `resetting`, `starting`, `execute`,
+    `completing`, `holding`, `unholding`, `suspending`, `unsuspending`, `stopping`, `aborting`, `clearing`. When a
+    sequence ends, the next state follows. While the part is held or suspended, the sequence of `execute` waits;
+    afterwards it continues from where it was. A motion in progress continues to its end unless `holding` stops it.
     """
 
     model: ClassVar[StateModel] = PACKML
@@ -126,7 +126,7 @@ class PackML(UnitStates):
 
     @property
     def state(self) -> PackMLState:
-        """The state now. A part in fault is ABORTED."""
+        """The present state. A part in fault is ABORTED."""
         found: PackMLState = self._state_now()
         return found
 

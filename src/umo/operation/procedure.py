@@ -12,7 +12,7 @@ from umo.operation.unit_states import UnitStates
 
 
 class ProcedureState(IntEnum):
-    """The states. The standard gives no numbers; these are umo's own."""
+    """The states. The standard gives no numbers; umo has chosen these."""
 
     IDLE = 1
     RUNNING = 2
@@ -78,9 +78,10 @@ PROCEDURE = StateModel(
 class Procedure(UnitStates):
     """A part that makes batches, with the states of ISA-88: `execute` is the state Running.
 
-    Sequences for acting states, as far as there is something to do: `execute`, `pausing`, `holding`, `restarting`,
-    `stopping`, `aborting`. When one ends, the next state follows. While the part is paused or held, `execute` waits,
-    and continues afterwards from where it was. `clear`, of PackML, ends a fault: from Aborted to Stopped.
+    Define a sequence for each acting state in which the part has something to do: `execute`, `pausing`, `holding`,
+    `restarting`, `stopping`, `aborting`. When a sequence ends, the next state follows. While the part is paused or
+    held, `execute` waits; afterwards it continues from where it was. `clear`, a command from PackML, ends a fault: it
+    leads from Aborted to Stopped.
     """
 
     model: ClassVar[StateModel] = PROCEDURE
@@ -88,7 +89,7 @@ class Procedure(UnitStates):
 
     @property
     def state(self) -> ProcedureState:
-        """The state now. A part in fault is ABORTED."""
+        """The present state. A part in fault is ABORTED."""
         found: ProcedureState = self._state_now()
         return found
 

@@ -1,4 +1,4 @@
-"""The recipes of a running station: which one is used now, and which one comes next."""
+"""The recipes of a running station: the recipe in use, and the next one."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from umo.text import did_you_mean
 
 R = TypeVar("R", bound=Recipe)
 MAX_RECORDED = 100
-"""Number of different recipes that a run records; for the others only the number of batches is counted."""
+"""The number of different recipes that a run records. For further recipes only the number of batches is counted."""
 
 
 class RecipeBook(Generic[R]):
     """The recipes of a compound, made in its `setup`: `self.book = RecipeBook(Batch, FOLDER)`.
 
-    Recipes are read when it is made; after that no file is read. Raises RecipeError if one of them is invalid. A client
-    chooses another recipe by the action `choose`; the program gets it by its next `next()`, never within a batch.
-    Frames show which recipe was begun last and which one is chosen (`begun`, `choice`). The choice is kept over a
-    restart by its name, except for a recipe whose values a client has sent.
+    The recipes are read when the object is made; after that no file is read. Raises RecipeError if one of them is
+    invalid. A client chooses another recipe by the action `choose`. The program gets this recipe from its next call of
+    `next()`, never within a batch. Frames show the recipe that was begun last and the chosen one (`begun`, `choice`).
+    The choice is kept over a restart by the name of the recipe, except for a recipe whose values a client has sent.
     """
 
     def __init__(self, kind: type[R], place: Path) -> None:
@@ -34,7 +34,7 @@ class RecipeBook(Generic[R]):
         self.current: R | None = None
         """The recipe that `next` returned last."""
         self.chosen: R | None = None
-        """The recipe that a client has chosen; None means the program's own."""
+        """The recipe that a client has chosen; None means that the program chooses."""
         self.begun = 0
         """The number of `current` (`number_of`)."""
         self._choice = 0
@@ -64,9 +64,9 @@ class RecipeBook(Generic[R]):
 
     @action(harmless=True)
     def choose(self, name: str, content: str = "") -> str:
-        """Choose the recipe for the batches that begin from now on. Returns its name and hash. Raises RecipeError if it
-        is refused; then the earlier choice remains. `content`: its values as JSON; default: the values that were read
-        at the start.
+        """Choose the recipe for the batches that begin from now on. Returns the name and hash of the recipe. Raises
+        RecipeError if the recipe is refused; then the earlier choice remains. `content`: the values as JSON; default:
+        the values that were read at the start.
         """
         found = recipe_from_content(self.kind, name, content) if content else self._known(name)
         number = self.number_of(found)
@@ -76,12 +76,12 @@ class RecipeBook(Generic[R]):
 
     @action(harmless=True)
     def follow_plan(self) -> None:
-        """Forget the choice of a client: batches that begin from now on use the recipes of the program."""
+        """Cancel the choice of a client: batches that begin from now on use the recipes of the program."""
         self.choice = 0
 
     def next(self, planned: str = "") -> R:
-        """The recipe for the next batch: the chosen one, otherwise the planned one, otherwise the one used last,
-        otherwise the first. Raises RecipeError if the planned one is not known."""
+        """Return the recipe for the next batch. This is the chosen recipe, or else the planned one, or else the one
+        used last, or else the first. Raises RecipeError if the planned recipe is not known."""
         found = self.chosen or (self._known(planned) if planned else self.current)
         self.current = found or next(iter(self.recipes.values()))
         self.begun = self.number_of(self.current)
@@ -89,8 +89,9 @@ class RecipeBook(Generic[R]):
         return self.current
 
     def number_of(self, recipe: R | None) -> int:
-        """The number of a recipe, for a shown number with `recipe_names`. 0 means none; the numbers from 1 on are those
-        of the recipes read at the start, then of recipes with the same names and other values, then of any other."""
+        """Return the number of a recipe, for a shown number with `recipe_names`. 0 means no recipe. The numbers from 1
+        on stand for the recipes read at the start, then for recipes with the same names and other values, then for any
+        other recipe."""
         if recipe is None:
             return 0
         known = list(self.recipes)
@@ -100,14 +101,14 @@ class RecipeBook(Generic[R]):
         return 1 + known.index(recipe.name) + (0 if same else len(known))
 
     def describe(self) -> dict[str, Any]:
-        """The recipes that were read at the start with their fields, as plain data."""
+        """Return the recipes that were read at the start with their fields, as plain data."""
         recipes = [{"name": each.name, "hash": each.hash, "values": each.values} for each in self.recipes.values()]
         return {"fields": describe_fields(self.kind), "recipes": recipes}
 
     @property
     def record(self) -> dict[str, dict[str, Any]]:
-        """Return the recipes used, for the result of a run: name and hash, with the number of batches and the
-        values."""
+        """The recipes that were used, for the result of a run: name and hash of each, with the number of batches and
+        the values."""
         others = {"others": {"batches": self._others}} if self._others else {}
         return {key: {**entry} for key, entry in self._record.items()} | others
 
@@ -128,7 +129,7 @@ class RecipeBook(Generic[R]):
 
 
 def recipe_names(known: Iterable[str], none: str) -> dict[int, str]:
-    """The names of the numbers of recipes (`RecipeBook.number_of`). `none`: the name of 0."""
+    """Return the names of the numbers of recipes (`RecipeBook.number_of`). `none`: the name of 0."""
     found = list(known)
     return dict(enumerate([none, *found, *(f"{name}, other values" for name in found), "another one"]))
 

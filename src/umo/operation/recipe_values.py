@@ -1,4 +1,4 @@
-"""Converts one value of a recipe from a file or a client to the declared type."""
+"""The conversion of one value of a recipe, from a file or a client, to the declared type."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PLAIN = {float, int, bool, str}
 
 def value_for(hint: Any, given: Any, *, units: bool = True) -> Any:
     """Return the value in this type. Raises RangeError, StateError or DeclarationError if it is not valid. `units`:
-    whether a number may be a text with a unit; a new unit takes 1 ms."""
+    whether a number may be a string with a unit. The first use of a unit takes 1 ms."""
     return _value(*parts_of(hint), given, units)
 
 
@@ -39,14 +39,14 @@ def _value(kind: Any, limits: Range | None, given: Any, units: bool) -> Any:
 
 
 def parts_of(hint: Any) -> tuple[Any, Range | None]:
-    """Type and range of an annotation."""
+    """Return type and range of an annotation."""
     if get_origin(hint) is not Annotated:
         return hint, None
     return get_args(hint)[0], next((each for each in get_args(hint)[1:] if isinstance(each, Range)), None)
 
 
 def range_of(hint: Any) -> Range | None:
-    """Range of a value, or of the values of a sequence; None if it has none."""
+    """Return the range of a value, or of the values of a sequence; None if there is no range."""
     kind, limits = parts_of(hint)
     if limits is None and get_origin(kind) in SEQUENCES:
         return range_of(get_args(kind)[0])
@@ -54,7 +54,7 @@ def range_of(hint: Any) -> Range | None:
 
 
 def unit_of(hint: Any) -> str:
-    """Unit of a value, or of the values of a sequence; "" if it has none."""
+    """Return the unit of a value, or of the values of a sequence; "" if there is no unit."""
     limits = range_of(hint)
     return limits.unit if limits else ""
 

@@ -1,4 +1,5 @@
-"""Recipes: typed sets of values with units and ranges, from TOML files or plain data; each is checked as a whole."""
+"""Recipes: typed sets of values with units and ranges, from TOML files or plain data. Each recipe is checked as a
+whole."""
 
 from __future__ import annotations
 
@@ -35,12 +36,12 @@ class Recipe:
             temperature: Annotated[float, Number("degC", 20.0, 95.0)]
             hold: Annotated[float, Number("s", 0.0, 3600.0)] = 60.0
 
-    Types of fields: float, int, bool, str, an Enum, and tuples or lists of one of these. The range of a tuple is that
-    of each of its numbers. A field with a default may be left out of a file; the default is checked as well.
+    Types of fields: float, int, bool, str, an Enum, and tuples or lists of one of these. The range of a tuple applies
+    to each of its numbers. A field with a default may be missing in a file; the default is checked as well.
     """
 
     name: str
-    """Name: the stem of its file, or the name of its table."""
+    """The name: the stem of the recipe's file, or the name of its table."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         """Check the fields. Raises DeclarationError for a field with the name of a member that every recipe has."""
@@ -75,8 +76,8 @@ R = TypeVar("R", bound=Recipe)
 def recipe_of(
     kind: type[R], name: str, given: Mapping[str, Any], file: str = "recipe", text: str = "", *, units: bool = True
 ) -> R:
-    """Return the recipe with these values. RecipeError with all mistakes, and with lines if `text` is the text of the
-    file. `units`: whether numbers may be texts with units."""
+    """Return the recipe with these values. Raises RecipeError with all errors, and with line numbers if `text` is the
+    content of the file. `units`: whether numbers may be strings with units."""
     mistakes: list[tuple[float, Mistake]] = []
     values: dict[str, Any] = {}
     hints = hints_of(kind)  # type: ignore[arg-type]
@@ -108,7 +109,8 @@ def recipe_of(
 
 
 def recipe_from_content(kind: type[R], name: str, content: str) -> R:
-    """The recipe with the values in a text of JSON, numbers in the units of their fields. Raises RecipeError."""
+    """Return the recipe with the values in a JSON string. Numbers are in the units of their fields. Raises
+    RecipeError."""
     try:
         given = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -119,8 +121,8 @@ def recipe_from_content(kind: type[R], name: str, content: str) -> R:
 
 
 def read_recipes(kind: type[R], place: Path) -> dict[str, R]:
-    """The recipes in a folder (`*.toml`, each one recipe) or in one file (a table each), by name; RecipeError with the
-    mistakes of all."""
+    """Return the recipes in a folder (`*.toml`, each one recipe) or in one file (a table each), by name. Raises
+    RecipeError with the errors of all recipes."""
     recipes: dict[str, R] = {}
     mistakes: list[Mistake] = []
     for file in sorted(place.glob("*.toml")) if place.is_dir() else [place]:
@@ -162,7 +164,7 @@ def _load(file: Path) -> tuple[str, dict[str, Any]]:
 
 
 def describe_fields(kind: type[Recipe]) -> list[dict[str, Any]]:
-    """Name, unit and bounds of each value, as plain data."""
+    """Return name, unit and bounds of each value, as plain data."""
     hints = hints_of(kind)  # type: ignore[arg-type]
     limits = ((each.name, range_of(hints[each.name])) for each in _fields(kind))
     return [{"name": name, **({} if found is None else found.describe())} for name, found in limits]

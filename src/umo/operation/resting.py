@@ -1,8 +1,8 @@
-"""Brings the outputs of a part to rest while its work waits, unless the part does so itself.
+"""The rest of a part's outputs while the work of the part waits, unless the part brings its outputs to rest itself.
 
 The reactions are those in manual mode (`umo.objects.keywords`): an actuator goes to its default, or holds its value if
-it, or a compound around it, is declared to hold. Laws continue to write their outputs. When the work continues, each
-actuator that is still at its default gets the value back that the work had left."""
+the actuator or a compound around it declares "hold". Laws continue to write their outputs. When the work continues,
+each actuator that is still at its default gets back the value that the work had written last."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from umo.objects.paths import is_within
 
 
 class Resting:
-    """The outputs of one part, without those of parts within it that have states of their own (`others`)."""
+    """The outputs of one part, without the outputs of inner parts that have states themselves (`others`)."""
 
     def __init__(self, part: Compound, others: list[Compound]) -> None:
         self._actuators = [
@@ -28,8 +28,8 @@ class Resting:
         return self._actuators[0]._image
 
     def begin(self) -> None:
-        """Begin to rest, as the work waits. Values that were left before are still known. Actuators that a client has
-        taken do not belong to the work."""
+        """Begin the rest, because the work waits. Values that were kept before are still known. Actuators that a client
+        has taken do not belong to the work."""
         if not self._actuators:
             return
         image = self._image
@@ -40,7 +40,7 @@ class Resting:
         image.settle(resting, ToDefault.SEND)
 
     def end(self) -> None:
-        """End the rest, as the work continues."""
+        """End the rest, because the work continues."""
         left = self.forget()
         if left:
             image = self._image
@@ -48,5 +48,6 @@ class Resting:
             image.commands.go_on(still)
 
     def forget(self) -> dict[int, float]:
-        """Return the values that the work had left, and forget them, because it has ended or continues."""
+        """Return the values that the work had written last, and delete them, because the work has ended or
+        continues."""
         return self._image.claims.left.pop(self, {}) if self._actuators else {}

@@ -1,4 +1,4 @@
-"""Carries out the states of parts (`UnitStates`) in a machine, as a capability (`umo.cycle.capability`)."""
+"""The capability (`umo.cycle.capability`) that carries out the states of parts (`UnitStates`) in a machine."""
 
 from __future__ import annotations
 
@@ -21,14 +21,16 @@ class Supervisor(Protocol):
     """The part of the supervisor, to which an error of `supervise` belongs."""
 
     def begin(self, path: str) -> None:
-        """Set the place of the law while the machine is connected. Raises DeclarationError if it cannot be."""
+        """Set the path of the law while the machine is being connected. Raises DeclarationError if the part cannot have
+        states."""
 
     def supervise(self) -> None:
-        """Called once per period, before the sequences; also in manual mode, and while its part is in fault."""
+        """Supervise the part. Called once per period, before the sequences, also in manual mode and while the part is
+        in fault."""
 
     def note_faults(self) -> None:
-        """Called when equipment has entered a fault; it may be the equipment around its part. It may be cleared before
-        the next period; its sequences are ended after this call."""
+        """Note that equipment has entered a fault, which may be the equipment around the part. The fault may be cleared
+        before the next period. The sequences of the equipment are ended after this call."""
 
     def describe(self) -> Mapping[str, Any]:
         """Return the path, the states and the commands of the part, as plain data."""
@@ -38,13 +40,13 @@ class Supervisors(Capability):
     """The laws of one machine that supervise sequences."""
 
     def __init__(self, laws: Sequence[tuple[str, Supervisor]]) -> None:
-        """`laws`: each with its path."""
+        """`laws`: the laws, each with its path."""
         self._laws = laws
         self._within: dict[int, list[Supervisor]] = {}
-        """The supervisors of the parts in each compound, by its id."""
+        """The supervisors of the parts in each compound, by the id of the compound."""
 
     def attach(self, machine: Any) -> None:
-        """Attach the supervisors. Raises DeclarationError for one whose part cannot have states."""
+        """Attach the supervisors. Raises DeclarationError for a supervisor whose part cannot have states."""
         self._machine = machine
         machine.directory.units = [law for _, law in self._laws]
         for path, law in self._laws:
@@ -62,7 +64,7 @@ class Supervisors(Capability):
 
     @expects_errors
     def act(self) -> None:
-        """Advance all units, one after the other. Units that enter a fault are settled together."""
+        """Advance all units one after another. Units that enter a fault are settled together."""
         equipment = self._machine.equipment
         equipment.gather()
         try:

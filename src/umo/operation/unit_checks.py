@@ -1,5 +1,5 @@
-"""Checks the declaration of a class of states when it is defined; otherwise a mistake would appear only when the state
-is reached."""
+"""Checks of a class of states when the class is defined. Without them an error would appear only when the state is
+reached."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from umo.text import did_you_mean
 
 def check_sequences(cls: type, model: StateModel) -> None:
     """Check the sequences. Raises DeclarationError for a sequence of an acting state that is not an `async def`
-    function, and for one whose name is misspelt, because it would never be called."""
+    function, and for a sequence whose name is misspelt, because it would never be called."""
     known = [sequence_name(model, state) for state in model.acting]
     for name, value in vars(cls).items():
         if name in known and not inspect.iscoroutinefunction(value):

@@ -1,4 +1,4 @@
-"""The states of one part of a machine, its commands, and the sequences that carry them out."""
+"""The states of one part of a machine, the commands of the part, and the sequences that carry out the commands."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from umo.user_code import attempt, briefly, check_overrides
 MAX_RESULT_TEXT = 100
 """Largest length of a wrong result of `refusal` in its message, in characters."""
 MANUAL_COMMANDS = {STOP: "abort it", ABORT: "", CLEAR: "clear the fault alone (`umo do STATION clear`)"}
-"""The commands that are possible while the machine is in manual mode, and what to do instead if one of them waits for a
+"""The commands that are possible while the machine is in manual mode, each with advice for the case that it waits for a
 sequence."""
 
 
 class UnitStates(DeclaredAttributes):
     """Base of `PackML` and `Procedure`: the states of a part that is equipment.
 
-    A part makes it in its `setup`. A subclass defines the work in the acting states, as sequences of the part. Each
-    sequence belongs to the part: if it fails, the part is in fault, which is the state `aborted`.
+    A part makes this object in its `setup`. A subclass defines the work in the acting states, as sequences of the part.
+    Each sequence belongs to the part: if a sequence fails, the part is in fault, which is the state `aborted`.
 
     `part` is the compound. Raises DeclarationError on connect if the part is not declared with `equipment=True`, or is
-    the machine itself, whose fault ends the run.
+    the machine itself, because a failure of the machine itself ends the run.
     """
 
     _capability: ClassVar = Supervisors
     model: ClassVar[StateModel]
     excluded: ClassVar[Mapping[UnitMode, Sequence[IntEnum]]] = {}
-    """The states that a mode does not have: no command leads to them, and an acting state among them is skipped. A mode
-    has the first state, and those to which stop, abort and clear lead."""
+    """The states that a mode does not have: no command leads to them, and an acting state among them is skipped. Every
+    mode must have the first state and the states to which stop, abort and clear lead."""
     changes_mode: ClassVar[Sequence[IntEnum]] = ()
     """The states in which the mode may be changed."""
     numbers: ClassVar[Mapping[str, Number]] = {
@@ -48,7 +48,7 @@ class UnitStates(DeclaredAttributes):
         "produced": Number(shown=True, kept=True),
         "rejected": Number(shown=True, kept=True),
     }
-    """A subclass adds its own to these."""
+    """The numbers of every unit; a subclass adds further numbers."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -62,11 +62,11 @@ class UnitStates(DeclaredAttributes):
     def __init__(self, part: Compound) -> None:
         self.part = part
         self.path = ""
-        """The place in the machine, such as `filler.unit`; known when the machine is connected."""
+        """The path in the machine, such as `filler.unit`. It is known when the machine is connected."""
         self._state = self.model.first
         self._mode = UnitMode.PRODUCTION
         self.produced = self.rejected = 0
-        """Numbers of good and of bad products, which the program counts."""
+        """The numbers of good and of bad products. The program counts them."""
         self._task: Task | None = None
         """The sequence of an acting state."""
         self._work: Task | None = None
@@ -77,7 +77,7 @@ class UnitStates(DeclaredAttributes):
 
     @property
     def state(self) -> IntEnum:
-        """The state now. A part in fault is aborted; when the run is being stopped, others are stopped."""
+        """The present state. A part in fault is aborted. While the run is being stopped, other parts are stopped."""
         found: IntEnum = self._state_now()
         return found
 
@@ -104,20 +104,22 @@ class UnitStates(DeclaredAttributes):
         return not isinstance(machine, Unconnected) and machine.is_in_fault(self.part)
 
     def refusal(self, command: str) -> str | None:
-        """Return why a command must not be carried out now, or None. Override it for interlocks on transitions. If it
-        fails, or returns something other than a text, the command is refused; stop and abort are carried out."""
+        """Return the reason why a command must not be carried out now, or None. Override this method for interlocks on
+        transitions. If the method fails, or returns something other than a string, the command is refused; stop and
+        abort are carried out all the same."""
         return None
 
     async def execute(self) -> None:
-        """The main work of the part. Its end leads to the next state; by default it does not end."""
+        """Do the main work of the part. The end of this sequence leads to the next state; by default it does not
+        end."""
         while True:
             await one_period()
 
     # Commands ------------------------------------------------------------------------------------------
 
     def command(self, name: str) -> str:
-        """Carry out a command, and return the resulting state. Raises CommandRefused if it is not possible now; then
-        nothing is changed. EquipmentFault or DriverError if a fault cannot be cleared."""
+        """Carry out a command, and return the resulting state. Raises CommandRefused if the command is not possible
+        now; then nothing is changed. Raises EquipmentFault or DriverError if a fault cannot be cleared."""
         if (why := self._refusal(name)) is not None:
             raise CommandRefused(f"{self.path or type(self).__name__}: {why}")
         target = self.model.commands[name][self.state]
@@ -166,7 +168,7 @@ class UnitStates(DeclaredAttributes):
 
     @action(harmless=True, apart=True)
     def stop(self) -> str:
-        """Go to Stopped: an orderly end."""
+        """Go to Stopped by an orderly end of the work."""
         return self.command(STOP)
 
     @action(harmless=True, apart=True)
@@ -195,7 +197,7 @@ class UnitStates(DeclaredAttributes):
     # Each period ---------------------------------------------------------------------------------------
 
     def begin(self, path: str) -> None:
-        """Set the place of the states in the machine, while it is being connected."""
+        """Set the path of the states in the machine, while the machine is being connected."""
         part = self.part
         if part._settings.equipment is not True or part._parent is None:
             need = f"class {type(part).__name__}(Compound, equipment=True)"
@@ -206,7 +208,7 @@ class UnitStates(DeclaredAttributes):
         self._resting = Resting(part, others)
 
     def supervise(self) -> None:
-        """Follow the end of a fault and the end of a sequence."""
+        """Go to the next state after the end of a fault or of a sequence."""
         if self._in_fault:
             return
         if self._state is self.model.aborted:

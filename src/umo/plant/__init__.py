@@ -1,1 +1,1 @@
-"""Simulated devices, and the machine in 3D (`plant.twin`). The physics of a station is in its own folder."""
+"""Simulated devices, and the machine in 3D (`plant.twin`). The physics of a station is in the folder of the station."""

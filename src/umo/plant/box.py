@@ -1,4 +1,4 @@
-"""A controller box in front of a plant: its registers and its watchdog. It does not use the network."""
+"""A controller box in front of a plant, with its registers and its watchdog. This module does not use the network."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ WRITE_FUNCTIONS = frozenset((5, 6, 15, 16, 22, 23))
 
 
 class Watchdog:
-    """A watchdog that a write arms and every request resets; it expires once after `seconds` without a request (0 means
-    never)."""
+    """A watchdog that a write arms and every request restarts. It expires once after `seconds` without a request (0
+    means never)."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -25,7 +25,7 @@ class Watchdog:
 
     @property
     def milliseconds(self) -> int:
-        """The time in the form of its register; a time above 0 is never rounded to 0, which means off."""
+        """The time in ms, as its register has it. A time above 0 is never rounded to 0, because 0 means off."""
         return min(max(round(self.seconds * 1000), 1 if self.seconds else 0), 0xFFFF)
 
     def feed(self, now: float, *, write: bool) -> None:
@@ -33,7 +33,7 @@ class Watchdog:
         self._armed = self._armed or write
 
     def expired(self, now: float) -> bool:
-        """True once, when the outputs must be dropped."""
+        """Return True once, when the outputs must be dropped."""
         if not self._armed or self.seconds == 0 or now - self._fed < self.seconds:
             return False
         self._armed = False
@@ -42,10 +42,10 @@ class Watchdog:
 
 
 class Box:
-    """One register map of a plant.
+    """A box with one register map of a plant.
 
-    The plant is advanced to the moment of each request, so that the answer is the present state, however coarse the
-    timer of the event loop. Reads of outputs return the written values; bits of a register that belong to no object are
+    The plant is advanced to the time of each request, so that the answer is the present state, even if the timer of the
+    event loop is coarse. Reads of outputs return the written values; bits of a register that belong to no object are
     0. Exceptions: 2 for an address that is not mapped, for a write to a register without an output, and for a write to
     a part of a value with several registers; 3 for a written value that does not fit the plant's channel; 4 if the
     plant fails, or if the reading of a sensor does not fit its register.
@@ -58,7 +58,8 @@ class Box:
         self._simulation = simulation
         self._levels = {point: point.default for point in registers.points if point.output}
         self._cells: dict[tuple[str, int], list[Point]] = {}
-        """The objects at each address: several where they are fields of a register; none: the watchdog's time."""
+        """The objects at each address: several if they are fields of a register, none for the register of the
+        watchdog's time."""
         for point in registers.points:
             for offset in range(point.cells):
                 self._cells.setdefault((point.table, point.address + offset), []).append(point)
@@ -80,7 +81,7 @@ class Box:
             return bytes([request[0] | 0x80, DEVICE_FAILURE])
 
     def watch(self) -> None:
-        """Drop the outputs if the watchdog has expired. Called when all waiting requests have been read, so a slow
+        """Drop the outputs if the watchdog has expired. Called when all waiting requests have been read, so that a slow
         plant does not make the watchdog expire."""
         if self.watchdog.expired(self._simulation.clock()):
             for point in self._levels:
@@ -100,8 +101,8 @@ class Box:
         return found
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
-        """Write all or nothing: every address and value is checked before the first is set. Fields of inputs are not
-        changed."""
+        """Write all values or none: every address and value is checked before the first value is set. Fields of inputs
+        are not changed."""
         places = [self._place(table, address + i) for i in range(len(values))]
         for points in places:
             if points and not any(point.output for point in points):

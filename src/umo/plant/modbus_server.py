@@ -1,6 +1,6 @@
-"""The device's side of Modbus TCP, reduced to the needs of a controller box. It is not pymodbus's server, because its
-tables cannot refuse an address next to a mapped coil, because it takes 70 us more for each request (a period has four),
-and because a box should not consist of the same parts as the driver that is tested with it.
+"""The device's side of Modbus TCP, reduced to the needs of a controller box. The server of pymodbus is not used for
+three reasons: its tables cannot refuse an address next to a mapped coil, it takes 70 us more for each request (a period
+has four), and a box should not consist of the same parts as the driver that is tested with it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _ON, _OFF = 0xFF00, 0x0000
 
 
 class ExceptionAnswer(Exception):
-    """Raised to answer a request by this exception."""
+    """The exception with which a request is answered."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -27,7 +27,7 @@ class ExceptionAnswer(Exception):
 
 
 class RegisterCells(Protocol):
-    """The four tables. Both methods raise ExceptionAnswer; a refused write has changed nothing."""
+    """The four tables of registers. Both methods raise ExceptionAnswer; a refused write has changed nothing."""
 
     def read(self, table: str, address: int, count: int) -> list[int]: ...
 
@@ -35,7 +35,7 @@ class RegisterCells(Protocol):
 
 
 def answer(request: bytes, cells: RegisterCells) -> bytes:
-    """Return the answer to a request, both without their header. `request` has at least a function code."""
+    """Return the answer to a request; both are without a header. `request` has at least a function code."""
     function, body = request[0], request[1:]
     try:
         return bytes([function & 0x7F]) + _answer(function, body, cells)
@@ -127,10 +127,10 @@ def _pack_bits(values: Sequence[int]) -> bytes:
 
 
 class Connection(asyncio.Protocol):
-    """One client. `handle` answers its requests, regardless of the unit; `peers` holds the open connections. One
-    request is answered in a turn of the event loop, so clients that flood the box take turns with the others. While
-    requests wait, or the client does not read its answers, no further data are read, so that the buffered data are
-    bounded.
+    """The connection of one client. `handle` answers the requests, regardless of the unit; `peers` has the open
+    connections. Each turn of the event loop answers one request, so that a client that floods the box does not block
+    other clients. While requests wait, or the client does not read its answers, no further data are read, so that the
+    amount of buffered data is limited.
     """
 
     def __init__(self, handle: Callable[[bytes], bytes], peers: set[asyncio.Transport]) -> None:

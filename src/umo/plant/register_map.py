@@ -1,4 +1,5 @@
-"""The registers of a plant's boxes, derived from two wirings of one machine: the simulated one and the Modbus one."""
+"""The registers of a plant's boxes, derived from two wirings of one machine: the simulated wiring and the Modbus
+wiring."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ class Point:
 
     The raw integer is passed unchanged if both wirings give the object the same scale (resolution, zero offset and
     linearization, or inversion); otherwise the box converts it through the value, and an invalid raw integer of the
-    plant becomes the invalid one of the bus. `slot` is the index of the plant's wire."""
+    plant becomes the invalid raw integer of the bus. `slot` is the index of the plant's wire."""
 
     def __init__(self, slot: int, plant: Wire, bus: Wire) -> None:
         channel = bus.channel
@@ -42,12 +43,13 @@ class Point:
         self._bits = channel.bits if channel.low is not None or channel.table.full == 1 else 16 * channel.cells
 
     def to_plant(self, raw: int) -> int:
-        """Return the plant's raw integer for one of the box. Raises OverflowError if it does not fit the plant's
+        """Convert a raw integer of the box to one of the plant. Raises OverflowError if it does not fit the plant's
         channel."""
         return self._converted(raw, self._bus, self._plant)
 
     def to_bus(self, raw: int) -> int:
-        """Return the box's raw integer for one of the plant. Raises OverflowError if it does not fit the register."""
+        """Convert a raw integer of the plant to one of the box. Raises OverflowError if it does not fit the
+        register."""
         if raw in self._plant.invalid_raws and self._bus.invalid_raws:
             return self._bus.invalid_raws[0]
         return self._converted(raw, self._plant, self._bus)
@@ -60,7 +62,8 @@ class Point:
         return raw
 
     def words(self, raw: int) -> list[int]:
-        """The raw integer in this point's cells, in the order of their addresses; 0 in the bits of other points."""
+        """Return the raw integer in this point's cells, in the order of their addresses; 0 in the bits of other
+        points."""
         if self._scale:
             packed = struct.pack(self._floating, raw * self._scale)
         else:
@@ -69,7 +72,7 @@ class Point:
         return words[::-1] if self._little else words
 
     def raw(self, words: Sequence[int]) -> int:
-        """The raw integer that these cells hold. Raises OverflowError if they hold none."""
+        """Return the raw integer that these cells hold. Raises OverflowError if they hold no raw integer."""
         packed = struct.pack(self._layout, *(reversed(words) if self._little else words))
         if not self._scale:
             whole = int.from_bytes(packed, "big") >> self._low & (1 << self._bits) - 1
@@ -92,7 +95,7 @@ class Point:
 
 @dataclass(frozen=True)
 class RegisterMap:
-    """The register map of one box: a Modbus driver of the wiring, seen from the other end."""
+    """The register map of one box, which is the other end of a Modbus driver in the wiring."""
 
     name: str
     """The driver's name in the wiring."""
@@ -106,9 +109,9 @@ class RegisterMap:
 
 
 def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
-    """A map for each Modbus driver of `bus`, its objects joined with those of `plant` by path. Raises WiringError if
-    `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two objects would have the same
-    address.
+    """Return a map for each Modbus driver of the wiring `bus`. Its objects are joined with those of the wiring `plant`
+    by path. Raises WiringError if `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two
+    objects would have the same address.
     """
     _check_plant(plant)
     slots = {wire.path: slot for slot, wire in enumerate(plant.wires)}

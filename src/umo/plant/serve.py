@@ -1,5 +1,5 @@
-"""Boxes on the network: each serves its registers over Modbus TCP; all are in one process, with the time of one
-plant."""
+"""Boxes on the network. Each box serves its registers over Modbus TCP. All boxes are in one process and have the time
+of one plant."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from .simulation import Simulation
 MAX_WATCHDOG = 65.535
 """Longest time in s that the register of a watchdog can hold."""
 REPORT_INTERVAL = 0.1
-"""Time in s between two looks at the plant's report."""
+"""The time in s between two checks of the plant's report."""
 
 Ready = Callable[[str, str, int], object]
-"""Function that is called with each box's name, host and port once requests are accepted."""
+"""The function that is called with the name, host and port of each box when requests are accepted."""
 Summary = dict[str, Any]
 
 
@@ -58,7 +58,7 @@ async def serve(
 ) -> Summary:
     """Serve each map at its host and port (0 for a free one) until `stop` is set, and return the report.
 
-    `report` is a JSON file, replaced whole, written whenever the plant's report has changed and at the end. Raises
+    `report` is a JSON file that is replaced completely whenever the plant's report has changed, and at the end. Raises
     WiringError for a watchdog's time that its register cannot hold, if `report` is not a regular file or an address is
     taken. Raises DriverError if the plant cannot be opened. An exception of the plant's code ends the service.
     """
@@ -135,7 +135,7 @@ def turn(simulation: Simulation, boxes: Sequence[Box]) -> None:
 
 
 def summary_of(simulation: Simulation, boxes: Sequence[Box]) -> Summary:
-    """Return the plant's report as plain data, with additions of the boxes."""
+    """Return the plant's report as plain data, with the additions of the boxes."""
     return {str(key): plain(value) for key, value in simulation.report().items()} | {
         "requests": sum(box.requests for box in boxes),
         "watchdog_drops": sum(box.watchdog.drops for box in boxes),
@@ -144,8 +144,9 @@ def summary_of(simulation: Simulation, boxes: Sequence[Box]) -> Summary:
 
 
 class ReportFile:
-    """A report in JSON that is always replaced completely, so that readers never find a part of one. For a symlink the
-    file behind it is replaced. Only a regular file is ever replaced. WiringError at once if none can be written.
+    """A report in JSON that is always replaced completely, so that readers never find a part of a report. For a
+    symlink, its target is replaced. Only a regular file is ever replaced. Raises WiringError immediately if the file
+    cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -160,7 +161,7 @@ class ReportFile:
             raise WiringError(f"no report can be written to {path}: {reason_of(error)}") from None
 
     def write(self, content: Mapping[str, object]) -> None:
-        """Write the report. Raises DriverError if it can no longer be written; the file is then unchanged."""
+        """Write the report. Raises DriverError if the report can no longer be written; the file is then unchanged."""
         try:
             self._fill_draft(json.dumps(content, indent=2) + "\n")
             self._look()

@@ -1,4 +1,5 @@
-"""A plant in wall-clock time: its drivers, opened and advanced with a clock. It has no network and no registers."""
+"""A plant in wall-clock time: its drivers are opened and advanced with a clock. This module has no network and no
+registers."""
 
 from __future__ import annotations
 
@@ -12,13 +13,13 @@ from umo.errors import DriverError, Failure, text_of
 from umo.wiring import Wired
 
 MAX_PERIODS = 20
-"""Largest number of periods of the plant in one go; requests are answered in between."""
+"""The largest number of periods of the plant that are carried out in succession. Requests are answered in between."""
 MAX_LAG = 1000
 """Largest number of periods that the plant may be behind; if it is further behind, these periods are skipped."""
 
 
 class Pace:
-    """Number of periods of the plant that are due, on a grid that begins at `start`."""
+    """A count of the periods of the plant that are due, on a time grid that begins at `start`."""
 
     def __init__(self, period: float, start: float) -> None:
         self._period = period
@@ -38,13 +39,13 @@ class Pace:
         return due
 
     def left(self, now: float) -> float:
-        """Time in s until the next period is due; 0 if it is already due."""
+        """Return the time in s until the next period is due; 0 if it is already due."""
         return max(0.0, self._start + (self._passed + 1) * self._period - now)
 
 
 class Simulation:
     """The drivers of a simulated wiring. `with simulation:` opens them, with all outputs at their defaults; from then
-    on time passes: each period of `clock` (s) is one reading of the timer's channel.
+    on time passes. For each period that passes on `clock` (s), the timer's channel is read once.
 
     Slots are indexes of `wired.wires`. Raises DriverError if a driver cannot be opened or closed.
     """
@@ -56,7 +57,8 @@ class Simulation:
         self.clock = clock
         self.pace = Pace(wired.period, clock())
         self.failure: Exception | None = None
-        """Exception that the plant raised while time passed, or a mistake in its code: it cannot continue."""
+        """The exception that the plant raised while time passed, or an error in its code. The plant cannot continue
+        after it."""
         self._wired = wired
         self._timer = wired.wires.index(timer)
         if wired.injection is not None:

@@ -1,4 +1,4 @@
-"""`python -m umo.process FD JOB NAME`: a guardian (`umo.process.start`). NAME is for lists of processes."""
+"""`python -m umo.process FD JOB NAME`: run a guardian (`umo.process.start`). NAME appears in lists of processes."""
 
 import sys
 

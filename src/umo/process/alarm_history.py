@@ -1,4 +1,4 @@
-"""Writing the history of a station's alarms from its frames, in a process other than the control process."""
+"""The history of a station's alarms, written from its frames in a process other than the control process."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ LOST = "{} events were overwritten before they could be stored; changes of alarm
 
 
 class AlarmHistory:
-    """The history of one run. `next`: the number of the first event that has not been examined."""
+    """The history of the alarms of one run. `next`: the number of the first event that has not been examined."""
 
     def __init__(self, next_event: int = 0) -> None:
         self.next = next_event
 
     def take(self, reader: RunReader, frame: Any) -> None:
         """Add the changes of alarms among the new events, and the number of events that were lost before. Raises
-        OSError if they cannot be written; the next call tries again. `frame`: a frame of the run, for the UTC of the
-        cycle's clock."""
+        OSError if they cannot be written; the next call tries again. `frame`: a frame of the run, which relates the
+        cycle's clock to UTC."""
         new = reader.events(self.next) if reader.layout.alarms else []
         utc_at_zero = utc_of(frame) - float(frame["time"])
         records = [
@@ -39,5 +39,5 @@ class AlarmHistory:
 
 
 def utc_of(frame: Any) -> float:
-    """Return when the period of a frame began, s since 1970."""
+    """Return the time at which the period of a frame began, in s since 1970."""
     return (int(frame["began"]) + int(frame["utc"])) / 1e9

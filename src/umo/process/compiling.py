@@ -1,4 +1,4 @@
-"""Compiled laws of a run, if its wiring requests them; the compiler's modules are imported only then."""
+"""The compiled laws of a run. If the wiring does not request them, the compiler's modules are not imported."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def prepare_if_asked(root: Compound, wired: Wired, say: Callable[[str], object])
 
 
 def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine, say: Callable[[str], object]) -> None:
-    """Start the compiled laws of a machine that has its laws and no open device yet: they are first compared, then run
-    compiled."""
+    """Start the compiled laws of a machine that has its laws and no open device yet. The compiled laws are first
+    compared with the laws in Python, then they replace these."""
     if prepared is None:
         return
     from umo.generate.compiled_laws import COMPARED, CompiledLaws

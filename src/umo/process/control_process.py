@@ -51,19 +51,19 @@ from umo.system.streams import late, limit_waits, lost_lines, never_wait, send_w
 from umo.text import Moment, in_brackets
 
 RESUMING_TIMEOUT = 0.1
-"""Timeout in s for a guardian's sign of life after a suspended computer resumes: five looks."""
+"""The timeout in s for a guardian's heartbeat after a suspended computer resumes: the time of five looks."""
 
 OOM_SCORE_CHANGE = 100
-"""Change of the control process's score for the kernel's choice when memory runs out: so that a guardian remains, which
-resets the machine."""
+"""The change of the control process's score by which the kernel selects a process to kill when memory runs out. It is
+chosen so that a guardian remains, which resets the machine."""
 ADMISSION_INTERVAL = 0.0005
-"""Time in s between two checks whether the control process may begin."""
+"""The time in s between two checks whether the control process may begin."""
 ADMISSION_TIMEOUT = 10.0
-"""Timeout in s for the guardian's signs of life before the control process begins."""
+"""The timeout in s for the guardian's heartbeats before the control process begins."""
 
 
 class Control:
-    """Runs one plan in the process that calls it, which was forked by the guardian."""
+    """The run of one plan in the calling process, which the guardian has forked."""
 
     def __init__(
         self,
@@ -82,12 +82,12 @@ class Control:
         self._channel = channel
         self._guardian = guardian
         self._frames = frames
-        """The descriptors of the memory for frames, and the server that gives clients theirs, or None without
+        """The descriptors of the memory for frames, and the server that gives clients descriptors; None without
         frames."""
         self._run_end = run_end
-        """The work of a guardian, for the case that there is none any more."""
+        """The work of a guardian at the end of the run, for the case that no guardian is left."""
         self._stands_in = False
-        """True if this process does it."""
+        """True if this process does the work of a guardian."""
         self._kept = kept
         """The kept values of the last run, by section."""
         self._stopped_by = ""
@@ -97,7 +97,7 @@ class Control:
         """Time in s without a period after which a circuit may have reset its outputs by itself."""
         self._gap = min(self._hang, self._watchdog)
         self._most_excused = (STARVED_LIMITS - 1) * self._hang
-        """Time in s for which others may keep this process from running."""
+        """The time in s for which other processes may keep this process from running."""
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
         self._connection: connect[Any] | None = None
@@ -110,14 +110,15 @@ class Control:
 
     def wait_for_admission(self) -> None:
         """Wait for the standby guardian, then use the devices. No device is driven before. The process ends if the
-        guardian dies, or gives no sign of life."""
+        guardian dies or gives no heartbeat."""
         while not self._run_state.admitted:
             if self._run_state.gone(ADMISSION_INTERVAL, Who.GUARDIAN) or self._run_state.unwatched > ADMISSION_TIMEOUT:
                 calls.exit_now(1)
         self._device_claim.hold.used_here()
 
     def stand_aside(self) -> None:
-        """Give up the devices in a process that control code forked. The process ends as soon as it would use one."""
+        """Give up the devices in a process that control code has forked. The process ends as soon as it would use a
+        device."""
         if self._stands_in:
             return
 
@@ -136,7 +137,7 @@ class Control:
 
     def say_how_it_ended(self, outcome: Outcome) -> None:
         """Print how the run ended. This text remains if all processes that could add to it are killed. An unsafe end
-        without the guardian is recorded, and printed if there is no standby guardian to do that."""
+        without the guardian is recorded; it is also printed if there is no standby guardian that prints it."""
         self._channel.send("left", outcome=outcome.dump())
         if outcome.unsafe:
             assert outcome.failure is not None
@@ -148,8 +149,8 @@ class Control:
                 tell_final_message(self._channel, self._plan.name, outcome)
 
     def reset_if_alone(self, outcome: Outcome) -> Outcome:
-        """Retry the reset in this process if actuators were not reached and no guardian is left to do it. The devices
-        are opened again, also those off the cycle, whose worker may be dead."""
+        """Retry the reset in this process if actuators were not reached and no guardian is left to retry it. The
+        devices are opened again, including those of drivers off the cycle, whose worker may be dead."""
         if not (outcome.unreached and outcome.unsafe and self._run_end is not None):
             return outcome
         self._end_guardian()
@@ -186,12 +187,12 @@ class Control:
         return self._plan.wired.realtime
 
     def tell_lost_lines(self) -> None:
-        """Report how many lines of this process were lost because nothing read them."""
+        """Report the number of lines of this process that were lost because nothing read them."""
         if lost := send_waiting():
             self._channel.send("notice", text=f"{self._plan.name}: {lost_lines(lost)}")
 
     def run(self) -> Outcome:
-        """Connect, drive and disconnect. Any error is in the outcome."""
+        """Connect, drive and disconnect. Return the outcome, which contains any error."""
         outcome = Outcome()
         error: BaseException | None = None
         calls.die_with_parent(self._guardian, signal.SIGTERM)
@@ -214,7 +215,7 @@ class Control:
 
     def report(self, outcome: Outcome) -> None:
         """Report how the machine ended. The report remains valid if this process is killed or hangs before the next
-        one."""
+        report."""
         self._run_state.report(outcome.encode())
         self._run_state.enter(Stage.ENDED)
 
@@ -336,8 +337,8 @@ class Control:
             self._stopped_by = clients.stopped_by
 
     def each_period(self, frame: Frame) -> None:
-        """Called in each period: give a sign of life, and check whether this process was suspended, asked to stop, or
-        lost its guardian."""
+        """Give a heartbeat, and check whether this process was suspended, was requested to stop, or has lost its
+        guardian. Called in each period."""
         run_state = self._run_state
         excused = run_state.excused  # first: a look of the guardian's that sees the new sign of life ends it
         gap = run_state.beat()
@@ -388,7 +389,8 @@ class Control:
 
 
 def drive_and_report(control: Control, traces: IO[bytes]) -> int:
-    """Run the control process to its exit status. On request it writes the present line of its code to `traces`."""
+    """Run the control process to its exit status. On request the process writes the present line of its code to
+    `traces`."""
     name_process("umo control")
     adjust_oom_score(OOM_SCORE_CHANGE)
     os.register_at_fork(after_in_child=control.stand_aside)

@@ -1,4 +1,5 @@
-"""The guardian's view of the control process: whether it lives, where its code is, how it ended."""
+"""The guardian's view of the control process: whether the process lives, at which line its code is, and how it has
+ended."""
 
 from __future__ import annotations
 
@@ -15,34 +16,36 @@ from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import in_brackets, place_among
 
 WHERE_SIGNAL = signal.SIGUSR2
-"""Signal at which the control process writes the present place of its Python code to a file."""
+"""The signal at which the control process writes the present place of its Python code to a file."""
 UNABLE_STATES = "TtDX"
-"""States of a process that cannot do that: stopped, in an uninterruptible call of the kernel, ended."""
+"""The states in which a process cannot react to this signal: stopped, in an uninterruptible call of the kernel,
+ended."""
 WHERE_TIMEOUT = 0.05
-"""Timeout in s for this text; a running process needs 0.1 ms. The machine is reset afterwards."""
+"""The timeout in s for the text of this place. A running process needs 0.1 ms. The machine is reset afterwards."""
 
 
 class ControlWatch:
-    """Watches the control process from its fork to its end. `traces` is the file to which it writes its present
-    line."""
+    """The watch over the control process from its fork to its end. `traces` is the file to which the control process
+    writes its present line."""
 
     def __init__(self, pid: int, run_state: RunState, traces: int) -> None:
         self.process = Child(pid)
         self._run_state = run_state
         self._traces = traces
         self._unkillable_from = 0.0
-        """Time at which waiting for a process that cannot be killed ends."""
+        """The time at which the wait for a process that cannot be killed ends."""
 
     def is_dead(self, within: float = 0.0) -> bool:
-        """True if it has ended, so that its connections are closed. A process that is blocked in the kernel, in a call
-        of its device, counts as dead after a while, because its end cannot be awaited. During the wait the guardian's
-        signs of life are given."""
+        """Return True if the control process has ended, so that its connections are closed. A process that is blocked
+        in the kernel, in a call of its device, counts as dead after some time, because its end cannot be awaited. The
+        guardian gives its heartbeats during the wait."""
         self._unkillable_from = self._unkillable_from or calls.now() + DEATH_TIMEOUT
         self._run_state.watch()
         return self._run_state.wait(lambda: self.process.ended, within) or calls.now() >= self._unkillable_from
 
     def ending(self) -> str:
-        """Return how it ended, as text. To be called after the process was killed; it waits for the end."""
+        """Return as text how the control process has ended. Call this after the process was killed; the function waits
+        for the end."""
         self.is_dead(DEATH_TIMEOUT)
         status = self.process.status
         if status is None:
@@ -54,7 +57,7 @@ class ControlWatch:
         return f"ended with status {os.WEXITSTATUS(status)} without resetting the machine"
 
     def silent(self, how: str, moment: str) -> str:
-        """Return as text that it hangs or was kept from running (`how`), where and when."""
+        """Return as text that the control process hangs or was kept from running (`how`), with place and time."""
         stopped = " (it was stopped by a signal)" if self.process.is_stopped else ""
         return f"the control process {how}{stopped}{in_brackets(moment, self._where())}"
 

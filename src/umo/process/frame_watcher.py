@@ -1,6 +1,6 @@
-"""The guardian watches the frames: when a period was missed, it saves the last ones in a black box. It makes their
-memory, and answers clients that look for the station. Nothing here raises an error. After a failure there may be no
-black box, and the run may not be watched or commanded.
+"""The guardian's watch over the frames. When a period was missed, the guardian saves the last frames in a black box. It
+also makes the memory of the frames, and answers clients that look for the station. Nothing here raises an error. After
+a failure there may be no black box, and it may be impossible to watch or command the run.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from umo.system.processes import Child, wait_until
 from umo.text import Moment
 
 BLACK_BOX_INTERVAL = 10.0
-"""Shortest time in s between two black boxes of missed periods."""
+"""The shortest time in s between two black boxes of missed periods."""
 BLACK_BOX_TIMEOUT = 5.0
-"""Timeout in s at the end of a run for a black box that is being written."""
+"""The timeout in s at the end of a run for a black box that is being written."""
 
 
 class FrameWatcher:
-    """Follows the frames of one run. It writes in a child process, so that the disk does not delay the guardian."""
+    """The watch over the frames of one run. A child process writes the black boxes, so that the disk does not delay the
+    guardian."""
 
     def __init__(self, station: str) -> None:
         self.frames: tuple[RunDescriptors, FrameServer] | None = None
-        """The descriptors by which the control process writes, and the server that it makes listen, or None without
-        frames."""
+        """The descriptors by which the control process writes, and the server that the control process makes visible;
+        None without frames."""
         self._station = station
         self._reader: Reader | None = None
         self._cells: ClientMemory | None = None
@@ -40,10 +41,11 @@ class FrameWatcher:
         self._child: Child | None = None
         """The process that writes a black box."""
         self._wanted_reason = ""
-        """Reason for which a black box is to be written as soon as the one before is finished, or empty if none is."""
+        """The reason for which a black box is to be written as soon as the previous one is finished; empty if no black
+        box is to be written."""
 
     def make(self) -> str:
-        """Make the memory, which the control process inherits. Return the reason if that fails, or ""."""
+        """Make the memory, which the control process inherits. Return the reason if this fails, otherwise ""."""
         try:
             path = new_path(self._station)
             ends, readers = RunDescriptors.pair()
@@ -53,19 +55,19 @@ class FrameWatcher:
         return ""
 
     def forked(self) -> None:
-        """Close this process's end of the pipe: so that readers see it closed when the control process ends."""
+        """Close this process's end of the pipe, so that readers find the pipe closed when the control process ends."""
         if self.frames is not None:
             calls.close(self.frames[0].alive)
 
     @property
     def stop(self) -> int | None:
-        """Return the number of the signal by which a client asks to end the run, or None."""
+        """The number of the signal by which a client asks to end the run, or None."""
         asked = None if self._cells is None else self._cells.stop
         return None if asked is None else asked[0]
 
     @property
     def reader(self) -> Reader | None:
-        """The reader of the frames; None while there are none."""
+        """The reader of the frames; None while there are no frames."""
         return self._reader if self._attach() else None
 
     def look(self) -> None:
@@ -111,8 +113,8 @@ class FrameWatcher:
         return ""
 
     def finish(self, wait: Callable[[Callable[[], bool], float], object] = wait_until) -> None:
-        """Finish the black boxes that are written or requested, and remove a remaining ring. `wait`: function that
-        waits for a condition, at most for the given time in s."""
+        """Finish the black boxes that are being written or were requested, and remove a remaining ring. `wait`: the
+        function that waits for a condition, at most for the given time in s."""
         if self._box_due is not None and not self._wanted_reason:
             self.keep(blackbox.MISSED_PERIOD)
         wait(self._is_at_rest, BLACK_BOX_TIMEOUT)

@@ -1,8 +1,9 @@
-"""The guardian: forks the control process, watches it, and resets the machine if it dies or hangs.
+"""The guardian, which forks the control process, watches it, and resets the machine if the control process dies or
+hangs.
 
-At its start it reserves everything that a reset needs: a child that resets, descriptors, shared memory, and the standby
-guardian, which takes its place if it dies (`standby`). It resets the machine after any error of its own, and whenever
-the control process has not reported that every actuator is at its default.
+At its start the guardian reserves everything that a reset needs: a child process that resets, descriptors, shared
+memory, and the standby guardian, which takes its place if it dies (`standby`). The guardian resets the machine after
+any error in the guardian, and whenever the control process has not reported that every actuator is at its default.
 """
 
 from __future__ import annotations
@@ -46,11 +47,12 @@ from umo.system.streams import late, never_wait, send_waiting
 from umo.text import in_brackets, some
 
 OOM_SCORE_CHANGE = -500
-"""Change of the guardian's score for the kernel's choice when memory runs out, if that is permitted."""
+"""The change of the guardian's score by which the kernel selects a process to kill when memory runs out. It is made
+only if it is permitted."""
 MAX_NOTICES = 1000
-"""Largest number of notices for the user, because a run may last for years."""
+"""The largest number of notices for the user. It is limited because a run may last for years."""
 MAX_DEAF_LOOKS = 3
-"""Number of looks with failed listening after which the machine is stopped."""
+"""The number of looks in which listening fails, after which the machine is stopped."""
 
 
 def main(file: int, job_file: int) -> int:
@@ -106,23 +108,23 @@ def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
 
 
 class Guardian:
-    """Watches one control process."""
+    """The guardian of one control process."""
 
     def __init__(self, plan: Plan, channel: MessageSocket, device_claim: DeviceClaim) -> None:
         self._plan = plan
         self._channel = channel
         self._device_claim = device_claim
         self._core: int | None = None
-        """The core of its own that the control process has under SCHED_FIFO."""
+        """The core that is reserved for the control process under SCHED_FIFO."""
         self._place = self._take_core()
-        """The core that is taken as long as this process lives."""
+        """The reservation of the core, which lasts as long as this process lives."""
         self._process = plan.wired.process
         groups = groups_of(plan.wired)
         self._run_state = RunState(len(groups))
         self._stop_signal: int | None = None
         self._stop_passed_on = False
         self._deaf_looks = 0
-        """The number of looks one after the other in which listening failed."""
+        """The number of successive looks in which listening failed."""
         self._said: set[str] = set()
         self._is_standby = False
         self._control: ControlWatch | None = None
@@ -187,8 +189,9 @@ class Guardian:
         return self._run_state.admitted
 
     def give_up(self, outcome: Outcome) -> Outcome:
-        """Return the outcome when the guardian has failed and no other process can reset the machine: the outcome that
-        was settled, if there is one. Otherwise no actuator counts as reached, and the record of the start remains."""
+        """Return the outcome for the case that the guardian has failed and no other process can reset the machine. If
+        an outcome was settled, return this one. Otherwise no actuator counts as reached, and the record of the start
+        remains."""
         settled = Outcome.decode(self._run_state.settled())
         if settled is not None:
             return settled
@@ -199,7 +202,7 @@ class Guardian:
 
     @property
     def is_followed(self) -> bool:
-        """True if there is a living process that takes over when this one ends."""
+        """True if there is a living process that takes over when this process ends."""
         return self.is_driving and any(map(self._run_state.is_able, FOLLOWERS))
 
     def _guard(self) -> Outcome:

@@ -1,4 +1,4 @@
-"""Decides from the signs of life of the control process whether it hangs or is kept from running."""
+"""The decision, from the heartbeats of the control process, whether it hangs or is kept from running."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from umo.process.run_state import RunState
 LOOK_INTERVAL = 0.02
 """Time in s between two looks of the guardian."""
 MIN_SILENT_LOOKS = 3
-"""The minimum number of looks without a sign of life before the control process counts as hung."""
+"""The minimum number of looks without a heartbeat before the control process counts as hung."""
 STARVED_LIMITS = 3
-"""The number of hang limits after which a control process is ended that other processes prevented from running, because
+"""The number of hang limits after which a control process that other processes prevent from running is ended, because
 nothing controls the machine during this time."""
 STARTING_LIMIT = 30.0
 """Timeout in s of a step of connecting, in addition to two periods."""
@@ -20,18 +20,20 @@ REPORTING_LIMIT = 5.0
 """Timeout in s for the report of the control process when the machine has been reset."""
 
 MIN_GUARDIAN_LIMIT = 0.5
-"""Minimum time in s without a sign of life before a guardian counts as lost: because a busy computer delays it."""
+"""The minimum time in s without a heartbeat before a guardian counts as lost. It is this long because a busy computer
+delays a guardian."""
 
 
 def guardian_limit(hang: float) -> float:
-    """Return the limit in s for a guardian's own signs of life. `hang`: the limit for the signs of its control
+    """Return the limit in s for a guardian's heartbeats. `hang`: the limit for the heartbeats of its control
     process."""
     return max(hang, MIN_GUARDIAN_LIMIT)
 
 
 class HangDetector:
-    """Measures how long the control process has given no sign of life. `hang`: limit in s while it runs; `period` in s.
-    Time in which other processes kept it from running is not counted, up to `STARVED_LIMITS` times the limit."""
+    """The measurement of the time for which the control process has given no heartbeat. `hang`: the limit in s while it
+    runs; `period` is in s. The time in which other processes kept the control process from running is not counted, up
+    to `STARVED_LIMITS` times the limit."""
 
     def __init__(self, run_state: RunState, share: ProcessorShare, hang: float, period: float) -> None:
         self._run_state = run_state
@@ -41,7 +43,7 @@ class HangDetector:
         self._beat = self._looks = 0
 
     def look(self) -> str:
-        """Check once, every `LOOK_INTERVAL` s. Return a text if the control process hangs, otherwise empty."""
+        """Check once; call this every `LOOK_INTERVAL` s. Return a text if the control process hangs, otherwise ""."""
         run_state, share = self._run_state, self._share
         if self._beat != run_state.last_beat:
             self._beat, self._looks = run_state.last_beat, 0

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from umo.generate.compiled_laws import PreparedLaws
 
 MAIN_MODULE = "__umo_main__"
-"""Name under which the user's own script is imported again in the new process."""
+"""The name under which the user's script is imported again in the new process."""
 
 
 @dataclass
@@ -36,24 +36,24 @@ class Job:
 
     station: str | None = None
     machine: str | None = None
-    """`module:function`, if there is no station."""
+    """The function that declares the machine, as `module:function`, if there is no station."""
     application: str | None = None
     wiring: str | dict[str, Any] | None = None
     options: dict[str, Any] = field(default_factory=dict)
     acknowledge: bool = False
     manual: bool = False
-    """True if it starts in manual mode: the application waits until the mode is automatic."""
+    """True if the run starts in manual mode: the application waits until the mode is automatic."""
     fresh: bool = False
-    """True if it starts without the kept values of the last run."""
+    """True if the run starts without the kept values of the last run."""
     until: float | None = None
     """Time in s on the machine's clock at which the run is stopped."""
     path: list[str] = field(default_factory=lambda: list(sys.path))
     script: str | None = None
-    """The file that `__main__` came from, if a function of it is meant."""
+    """The file of `__main__`, if the machine or the application is a function in it."""
 
     @property
     def name(self) -> str:
-        """The name in lists of processes."""
+        """The name of the run in lists of processes."""
         return self.station or str(self.machine)
 
     def dump(self) -> bytes:
@@ -110,7 +110,7 @@ class Plan:
         actions_of(self.machine), numbers_of(self.machine)  # DeclarationError
         self.wired: Wired = resolve(self.machine, self.wiring, shares.wiring)
         self.sources = self._sources()
-        """The hashes of the files that were read for the run (`source_files`), computed right after reading."""
+        """The hashes of the files that were read for the run (`source_files`), computed immediately after reading."""
         self.prepared: PreparedLaws | None = None
         """The machine's laws, if they are compiled (`umo.process.compiling`)."""
 
@@ -118,7 +118,7 @@ class Plan:
         return source_files(self.place, self.wiring, self.machine)
 
     def all_sources(self) -> dict[str, str]:
-        """The hashes of all sources, including modules that were imported later, for example by `setup`."""
+        """Return the hashes of all sources, including modules that were imported later, for example by `setup`."""
         return self._sources() | self.sources
 
     @property
@@ -127,7 +127,7 @@ class Plan:
 
     @property
     def launch(self) -> str:
-        """A digest that is the same for each start of the same station, wiring and options, such as a start by a
+        """A digest that is the same for each start with the same station, wiring and options, such as a start by a
         supervisor."""
         wiring = str(self.wiring.resolve()) if isinstance(self.wiring, Path) else self.wiring
         what = [str(self.place), self.job.machine, wiring, self.job.options]

@@ -1,4 +1,5 @@
-"""The facts of a run as plain data, to repeat it. They are in the frames' description as `about["job"]`."""
+"""The facts of a run as plain data, with which the run can be repeated. They are in the frames' description as
+`about["job"]`."""
 
 from __future__ import annotations
 
@@ -22,9 +23,9 @@ from umo.wiring.json_values import as_plain
 
 
 def job_facts(plan: Plan, kept: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
-    """The facts about a run. `kept`: the data taken over from the last run, by section. Values that are not plain data
-    (such as a driver object) are given as text. It raises no error: if the facts cannot be found, there is only
-    `error`."""
+    """Return the facts about a run. `kept`: the data taken over from the last run, by section. Values that are not
+    plain data (such as a driver object) are given as strings. This function raises no error: if the facts cannot be
+    found, the result has only `error`."""
     try:
         return _facts(plan, kept)
     except Exception as error:  # as of options that refer to themselves

@@ -1,11 +1,11 @@
 """The keeper: a process that writes kept values and the history of alarms to the disk while a machine runs, and at its
 end.
 
-The guardian forks and supervises it. It maps the frames read-only, takes the last complete frame every half second, and
-writes one file if the kept values have changed; all values in it belong to this one period. It appends the changes of
-alarms to their history. When the process that writes the frames has ended, or was killed, it writes the last frame and
-ends. It outlives all other processes of the run, and holds none of their resources, neither a device nor a socket. Only
-the keeper waits for a disk.
+The guardian forks and supervises the keeper. The keeper maps the frames read-only, takes the last complete frame every
+half second, and writes one file if the kept values have changed. All values in the file belong to the period of this
+frame. The keeper also appends the changes of alarms to their history. When the process that writes the frames has
+ended, or was killed, the keeper writes the last frame and ends. It outlives all other processes of the run, and holds
+none of their resources, neither a device nor a socket. Only the keeper waits for a disk.
 """
 
 from __future__ import annotations
@@ -31,27 +31,28 @@ from umo.system import calls, realtime
 from umo.system.processes import Child, ProcessHandle, adjust_oom_score, name_process
 
 INTERVAL = 0.5
-"""Time in s between two looks of the keeper. The values of a look are valid until those of the next one are written,
-after this time and the time of the disk. If the disk takes at most as long, kept values are never older than twice this
-time."""
+"""The time in s between two looks of the keeper. The values of a look are valid until the values of the next look are
+written, which is after this time plus the time of the disk. If the disk takes no longer than this time, kept values are
+never older than twice this time."""
 LAST_TIMEOUT = 5.0
 """Timeout in s at the end of a run for the last values."""
 FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
-"""Shortest and longest time in s between two replacements of a keeper; the time doubles."""
+"""The shortest and the longest time in s between two replacements of a keeper. The time is doubled each time."""
 OOM_SCORE_CHANGE = 600
-"""Change of the keeper's score, relative to the guardian's: if memory runs out, it is killed before all processes that
-reset."""
+"""The change of the keeper's score relative to the guardian's. If memory runs out, the kernel kills the keeper before
+all processes that reset."""
 NO_FOLDER = "nothing is kept: there is no folder for what outlives a run"
 HELD_BY_ANOTHER = -1
-"""Stands for an error number if another run of this station with this wiring uses the file."""
+"""The value in place of an error number if another run of this station with this wiring uses the file."""
 
 
 class KeeperMessage(IntEnum):
     """The keeper's messages in shared memory."""
 
     BEGUN, ERROR, FINISHED, HISTORY_ERROR, NEXT_EVENT = range(5)
-    """Cells: 1 if there is a keeper whose end was not noticed; the number of the error of the last write, 0 without
-    one; 1 at its end; the error of the history of alarms; the number of the first event that it has not read."""
+    """The indices of the cells. BEGUN: 1 if there is a keeper whose end was not noticed. ERROR: the number of the error
+    of the last write; 0 if there was none. FINISHED: 1 at the end of the keeper. HISTORY_ERROR: the error of the
+    history of alarms. NEXT_EVENT: the number of the first event that the keeper has not read."""
 
 
 class Keeper:
@@ -65,25 +66,25 @@ class Keeper:
         say: Callable[[str], object],
         core: int | None = None,
     ) -> None:
-        """`path`: the file, or None if there is no folder for it. `title`: the data about the station in the file.
-        `core`: the core of the control process, which the keeper leaves."""
+        """`path`: the file; None if there is no folder for it. `title`: the data about the station in the file. `core`:
+        the core of the control process, which the keeper does not use."""
         self.path = path
         self._title = title
         self._run_state = run_state
         self._say = say
         self._core = core
         self._child: Child | None = None
-        """The keeper, as the process that has forked it knows it."""
+        """The child process that is the keeper, in the process that has forked it."""
         self._cells = memoryview(mmap.mmap(-1, 8 * len(KeeperMessage))).cast("q")
         self._next_fork, self._pause = 0.0, FIRST_PAUSE
         self._keeps: bool | None = None
-        """True if there is something to keep; None before there are frames."""
+        """True if something is to be kept; None before there are frames."""
 
     # The guardian ----------------------------------------------------------------------------------------
 
     def look(self, reader: Reader | None) -> None:
-        """Fork the keeper as soon as there are frames with something to keep; replace it if it has died or was stopped
-        by a signal; report if it cannot write."""
+        """Fork the keeper as soon as there are frames with something to keep. Replace the keeper if it has died or was
+        stopped by a signal. Report if the keeper cannot write."""
         if reader is None or not self._has_something(reader):
             return
         if self.path is None:
@@ -102,8 +103,8 @@ class Keeper:
             self._fork(reader)
 
     def finish(self, reader: Reader | None) -> str:
-        """Wait for the last values at the end, when the machine has been reset. Return why they were not written, or
-        "". A late keeper is ended: because it must not overwrite the values of a later run."""
+        """Wait for the last values at the end, when the machine has been reset. Return the reason why the values were
+        not written, or "". A keeper that is late is ended, because it must not overwrite the values of a later run."""
         if reader is None or not self._has_something(reader):
             return ""
         if self.path is None:
@@ -213,7 +214,8 @@ def writer_is_gone(within: float) -> bool:
 
 
 class Writer:
-    """Writes the kept data of a frame, if they have changed since the last write, and the changes of alarms."""
+    """The writer of the kept data of a frame, if they have changed since the last write, and of the changes of
+    alarms."""
 
     def __init__(
         self,
@@ -277,9 +279,9 @@ class Writer:
 def keep(
     reader: Reader, writer: Writer, is_gone: Callable[[float], bool], now: Callable[[], float] | None = None
 ) -> None:
-    """Write until the run has ended, then the last frame. `is_gone`: function that waits at most the given time in s
-    for the writer's end. The time that the disk takes does not delay the next look, unless it is longer than
-    `INTERVAL`."""
+    """Write until the run has ended, then write the last frame. `is_gone`: the function that waits for the writer's
+    end, at most for the given time in s. The time that the disk takes does not delay the next look, unless it is longer
+    than `INTERVAL`."""
     now = now or calls.now
     gone, due = False, now()  # the first at once: it may take the place of a keeper that was killed
     while not gone:

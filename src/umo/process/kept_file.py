@@ -1,8 +1,8 @@
 """The file of kept values: one for each station and wiring, in the user's folder for data that outlive a run.
 
 It is JSON, ASCII: `{"checksum": ..., "content": {...}}`. The content has the version, station, wiring, run, the number
-and the UTC of the period, and the sections, all of this one period. It is valid only if it equals, byte for byte, the
-result of `encode` for its content. An invalid file is kept aside under another name.
+and the UTC of one period, and the sections of this period. A file is valid only if it equals, byte for byte, the result
+of `encode` for its content. An invalid file is kept under another name.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ MAX_BYTES = 4 << 20
 MAX_ASIDE = 10
 """Number of damaged files of one station and wiring that are kept aside; the oldest are removed first."""
 MODE = 0o1600
-"""Mode of a file and of its lock: because of the sticky bit systemd-tmpfiles does not remove an old file
+"""The mode of a file and of its lock. Because of the sticky bit, systemd-tmpfiles does not remove an old file
 (tmpfiles.d(5)). A file whose values do not change becomes old during the run."""
 NUMBERS, ALARMS, STATES = "numbers", "alarms", "states"
-"""The sections, each by path: for kept numbers value, unit and type; for alarms that are not normal the number of the
-state; for state machines (`umo.operation`) the name of the state, which the next run does not take over, because it
-begins stopped."""
+"""The names of the sections. Each section has entries by path: for kept numbers the value, unit and type; for alarms
+that are not normal the number of the state; for state machines (`umo.operation`) the name of the state. The next run
+does not take over the states of state machines, because they begin stopped."""
 
 
 class KeptFileError(UmoError):
@@ -67,7 +67,7 @@ class KeptValues:
 
 
 class FileSystem(Protocol):
-    """The functions of the operating system that writing needs (`calls`). Tests replace them."""
+    """The functions of the operating system (`calls`) that are needed for writing. Tests replace them."""
 
     def open(self, path: Path, flags: int, mode: int = ...) -> int: ...
     def write(self, file: int, data: bytes, /) -> int: ...
@@ -77,7 +77,7 @@ class FileSystem(Protocol):
 
 
 def path_of(station: str, wiring: str) -> Path:
-    """The file of a station and a wiring. Raises OSError if there is no folder for it."""
+    """Return the file of a station and a wiring. Raises OSError if there is no folder for it."""
     folder = state_folder() / FOLDER
     plain = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in station)[:40]
     digest = hashlib.sha256(f"{station}\0{wiring}".encode(errors="surrogateescape")).hexdigest()[:16]
@@ -95,7 +95,7 @@ def dump(values: KeptValues) -> bytes:
 
 
 def load(data: bytes) -> KeptValues:
-    """Return the content of a file. Raises KeptFileError for anything but a valid file of this version."""
+    """Return the content of a file. Raises KeptFileError unless the file is a valid file of this version."""
     try:
         content = json.loads(data.decode("ascii"))["content"]
         whole = encode(content) == data
@@ -122,7 +122,7 @@ def load(data: bytes) -> KeptValues:
 
 
 def read(path: Path) -> KeptValues | None:
-    """Return the kept values, or None if there is no file. Raises KeptFileError if it cannot be read, or is not
+    """Return the kept values, or None if there is no file. Raises KeptFileError if the file cannot be read or is not
     complete."""
     try:
         file = folders.open_own(path)
@@ -141,8 +141,8 @@ def read(path: Path) -> KeptValues | None:
 
 
 def write(path: Path, data: bytes, system: FileSystem = calls) -> None:
-    """Replace the file, either completely or not at all, even if the computer loses power. After an OSError the old
-    file is unchanged."""
+    """Replace the file, either completely or not at all, even if the computer loses power. If OSError is raised, the
+    old file is unchanged."""
     if len(data) > MAX_BYTES:
         raise OSError(errno.EFBIG, f"more than {MAX_BYTES} bytes of kept values")
     new = path.with_name(f".{path.name}.new")  # one writer has the lock: one name, and nothing is left behind
@@ -164,7 +164,7 @@ def write(path: Path, data: bytes, system: FileSystem = calls) -> None:
 
 
 def set_aside(path: Path, now: float) -> Path:
-    """Rename a file that cannot be used. Raises OSError if that fails."""
+    """Rename a file that cannot be used. Raises OSError if this fails."""
     aside = path.with_name(f"{path.stem}.aside-{datetime.fromtimestamp(now, UTC):%Y%m%dT%H%M%S}")
     number = 0
     while (new := aside.with_name(f"{aside.name}-{number}" if number else aside.name)).exists():
@@ -176,7 +176,7 @@ def set_aside(path: Path, now: float) -> Path:
 
 
 def all_kept(station: str) -> Iterator[tuple[Path, KeptValues | KeptFileError]]:
-    """The files of a station, one for each wiring, and those whose names may be names of its files."""
+    """Return the files of a station, one for each wiring, and the files whose names may be names of its files."""
     for path in sorted((state_folder() / FOLDER).glob(f"*{SUFFIX}")):
         try:
             values = read(path)
@@ -190,8 +190,9 @@ def all_kept(station: str) -> Iterator[tuple[Path, KeptValues | KeptFileError]]:
 
 @contextmanager
 def locked(path: Path, within: float) -> Iterator[bool]:
-    """Return a context in which no other process writes the file. It yields True if this process has the lock, and
-    False if it did not get it within `within` s, because a run that keeps its values in the file holds it."""
+    """Return a context in which no other process writes the file. The context yields True if this process has the lock,
+    and False if it did not get the lock within `within` s, because a run that keeps its values in the file holds the
+    lock."""
     file = lock_file(path)
     try:
         yield take_lock(file, within)
@@ -211,8 +212,8 @@ def lock_of(path: Path) -> Path:
 
 
 def take_lock(file: int, within: float = 0.0) -> bool:
-    """Take the lock, at once or within some s, and return True if that succeeded. The kernel releases it when this
-    process ends."""
+    """Take the lock, immediately or within a time in s, and return True if this succeeded. The kernel releases it when
+    this process ends."""
     try:
         return lock_within(file, within)
     except OSError:

@@ -18,7 +18,7 @@ Section = Callable[[Any], dict[str, Any]]
 
 
 def sections_of(layout: Layout) -> dict[str, Section]:
-    """The sections of a run by name; empty if nothing is kept."""
+    """Return the sections of a run by name; empty if nothing is kept."""
     places = {each.path: (place, each) for place, each in enumerate(layout.described.signals)}
     kept = [(place, each) for place, each in enumerate(layout.signals) if "kept" in each]
     alarms = [str(entry["path"]) for entry in layout.alarms]
@@ -52,8 +52,8 @@ def _numbers(kept: Sequence[tuple[int, Mapping[str, Any]]], frame: Any) -> dict[
 
 
 def value_of(kind: Mapping[str, Any], number: float) -> Any:
-    """A kept value as plain data. None if it has none, is not finite, or is a whole number that a frame cannot
-    represent exactly."""
+    """Return a kept value as plain data; None if there is no value, or if the value is not finite or is a whole number
+    that a frame cannot represent exactly."""
     if not isfinite(number):
         return None
     if kind["type"] == "float":

@@ -17,15 +17,15 @@ from umo.process.kept_file import KeptFileError, KeptValues
 from umo.system import calls
 
 LOCK_TIMEOUT = 2.0
-"""Timeout in s at the start for the keeper of an earlier run, which may still be writing its last values."""
+"""The timeout in s at the start for the keeper of an earlier run, which may still be writing its last values."""
 MAX_TOLD = 5
-"""Number of values for which the terminal shows why they were not taken; the events have all."""
+"""The number of values for which the terminal shows why they were not taken over. The events show all of them."""
 Say = Callable[[str], object]
 Sections = dict[str, dict[str, Any]]
 
 
 def file_of(plan: Plan) -> Path | None:
-    """The file of a run; None if there is no folder for it."""
+    """Return the file of a run; None if there is no folder for it."""
     with suppress(OSError):
         return kept_file.path_of(plan.name, plan.wiring_name)
     return None
@@ -36,8 +36,8 @@ def title_of(plan: Plan) -> KeptValues:
 
 
 def take_over(plan: Plan, say: Say) -> Sections:
-    """Return the values that the last run in real time has kept, by section. It raises no error: a section that cannot
-    be read is set aside, and its values are lost."""
+    """Return the values that the last run in real time has kept, by section. This function raises no error: a section
+    that cannot be read is set aside, and its values are lost."""
     path = file_of(plan)
     try:
         if path is None or not (path.exists() or kept_file.lock_of(path).exists()):  # nothing was ever kept
@@ -57,7 +57,8 @@ def take_over(plan: Plan, say: Say) -> Sections:
 
 
 def copy(plan: Plan, say: Say) -> dict[str, Any]:
-    """The kept numbers of the last run in real time, for a run in virtual time, which writes none and moves no file."""
+    """Return the kept numbers of the last run in real time. They are for a run in virtual time, which writes no kept
+    numbers and moves no file."""
     path = file_of(plan)
     kept = {} if path is None or plan.job.fresh else _read(plan, path, say, aside=False)
     return kept.get(kept_file.NUMBERS, {})
@@ -84,8 +85,8 @@ def _aside(path: Path) -> Path:
 
 
 def tell(connection: connect[Any]) -> Iterator[str]:
-    """Add an event of the connected machine for each kept value that was not used; yields the notices for the user:
-    which kept values the run begins with, and which were not used."""
+    """Add an event of the connected machine for each kept value that was not used. Yield the notices for the user: the
+    kept values with which the run begins, and those that were not used."""
     refused = connection.not_restored
     if taken := [f"{path} = {entry['value']}" for path, entry in connection.kept.items() if path not in refused]:
         more = f" and {len(taken) - MAX_TOLD} more" if len(taken) > MAX_TOLD else ""

@@ -1,4 +1,4 @@
-"""Messages between starter, guardian and control process: JSON over one pair of sockets."""
+"""The messages between starter, guardian and control process: JSON over one pair of sockets."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class MessageSocket:
             calls.send_message(self._socket, text, files)
 
     def receive(self, timeout: float = 0.0) -> dict[str, Any] | None:
-        """Return the next message within `timeout` s, or None (`ended` after the last one). The receiver closes its
-        `files`. Other data are skipped."""
+        """Return the next message within `timeout` s, or None (after the last message, `ended` is True). The receiver
+        closes the `files` of the message. Other data are skipped."""
         if self.ended or not calls.ready(self._file, timeout):
             return None
         data, files = self._next()
@@ -62,7 +62,8 @@ class MessageSocket:
         return b"", []
 
     def peer_is_gone(self, within: float) -> bool:
-        """True if the other end is closed, now or `within` s. Messages from it may still be unread."""
+        """Return True if the other end is closed now, or is closed `within` this time in s. Messages from it may still
+        be unread."""
         return bool(calls.ready(self._file, within, 0) & calls.HUNG_UP)
 
     def close(self) -> None:

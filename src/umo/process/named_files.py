@@ -1,6 +1,7 @@
-"""Files that the code of a station names and may read later: modules that a function imports, data files by their text.
+"""The files that the code of a station names and may read later: modules that a function imports, and data files whose
+names are strings in the code.
 
-The code is read, not run. Names that it composes, and folders that it searches, are not found.
+The code is read, not run. Names that the code composes, and folders that it searches, are not found.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 MAX_NAME = 200
-"""Largest number of characters of a text that is examined as the name of a file."""
+"""The largest number of characters of a string that is examined as the name of a file."""
 
 
 def named_files(modules: Iterable[str], folder: Path) -> list[str]:
-    """The files of a folder, by absolute path, that these modules of it name, and the modules that they import; not the
+    """Return the files of a folder, by absolute path, that these modules of the folder name or import, without the
     given modules themselves."""
     given = {Path(each) for each in modules}
     found, waiting = set[Path](), [each for each in given if each.suffix == ".py" and each.is_relative_to(folder)]

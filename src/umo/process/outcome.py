@@ -37,8 +37,8 @@ MAX_LENGTH = 12_000
 MAX_BYTES = 60_000
 """Largest size of an outcome in bytes, on its way to another process."""
 BOUNDS = ((100_000, MAX_LENGTH), (1000, 4000), (100, 400), (1, 40))
-"""Pairs of the number of unreached actuators and of the characters of each text that are passed on; the first pair that
-fits is used."""
+"""Pairs of the largest number of unreached actuators and the largest number of characters of each text that are passed
+on. The first pair that fits is used."""
 
 
 @dataclass
@@ -71,9 +71,9 @@ class Outcome:
     stopped_by: int | None = None
     """The signal that requested the stop."""
     stopped_who: str = ""
-    """The client that has requested the stop: the page, `umo do STATION stop`, a program that is attached."""
+    """The client that has requested the stop: the page, `umo do STATION stop`, or a program that is attached."""
     time_over: bool = False
-    """True if its time limit (`umo run --until`) ended it."""
+    """True if the time limit (`umo run --until`) ended the run."""
     driven: bool = False
     """True if the machine was connected completely, with every object initialised."""
     unsafe: bool = False
@@ -82,15 +82,15 @@ class Outcome:
     reports: dict[str, Any] = field(default_factory=dict)
     """Reports of the drivers on their circuits or plants, by the driver's name, as plain data."""
     unkept: str = ""
-    """The reason why the last kept values were not written, as text; empty if they were, or nothing is kept."""
+    """The reason why the last kept values were not written, as text; empty if they were written or nothing is kept."""
     simulated: float = 0.0
-    """Time on the cycle's clock at the end, s."""
+    """The time in s on the cycle's clock at the end."""
     result: Any = None
     """The application's result, if it is plain data; otherwise its text."""
 
     @property
     def outputs(self) -> str:
-        """Return as text the state in which a run that ended safely has left its outputs."""
+        """The state, as text, in which a run that ended safely has left its outputs."""
         if self.driven:
             return "every actuator is at its default"
         return (
@@ -112,12 +112,13 @@ class Outcome:
 
     @property
     def stopper(self) -> str:
-        """Return the client or the signal that has requested the stop; "" if none has."""
+        """The client or the signal that has requested the stop; "" if there was no request."""
         return "" if self.stopped_by is None else printable(self.stopped_who) or signal_name(self.stopped_by)
 
     def dump(self) -> dict[str, Any]:
-        """Return the outcome as plain data, at most `MAX_BYTES` bytes as JSON, for any result of the application. Long
-        texts are cut, and if there are very many unreached actuators, only the first are named."""
+        """Return the outcome as plain data of at most `MAX_BYTES` bytes as JSON, whatever the result of the
+        application. Long texts are cut, and if there are very many unreached actuators, only the first ones are
+        named."""
         for most, longest in BOUNDS:
             data = vars(self) | {
                 "failure": self.failure and asdict(self.failure.cut(longest)),
@@ -134,7 +135,7 @@ class Outcome:
 
     @classmethod
     def decode(cls, text: bytes) -> Outcome | None:
-        """Return the outcome in a text, or None if it has none."""
+        """Return the outcome that a string contains, or None if it contains none."""
         try:
             outcome = cls.load(json.loads(text))
             return outcome if isinstance(outcome.status, int) else None
@@ -169,8 +170,8 @@ def status_of(failure: BaseException) -> int:
 
 
 def message_of(failure: BaseException) -> str:
-    """Return the failure, its time and its place in one line, and other failures in a second one. Mistakes in a wiring
-    or in recipes, and devices that stand stopped, have a line each."""
+    """Return the failure, its time and its place in one line, and other failures in a second line. Each mistake in a
+    wiring or in recipes, and each device that stands stopped, has a separate line."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
     text = str_of(failure)

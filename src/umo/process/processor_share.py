@@ -1,8 +1,8 @@
 """The share of a processor that a control process has, which its guardian measures and enforces.
 
-A control process that works for long without a sign of life loses its priority over those of other stations; one that
-cannot run may use every core. So a station with an endless loop delays others for at most `OVERLONG` and the time
-between two looks.
+A control process that works for a long time without a heartbeat loses its priority over the control processes of other
+stations. A control process that cannot run may use every core. So a station with an endless loop delays other stations
+for at most `OVERLONG` plus the time between two looks.
 """
 
 from __future__ import annotations
@@ -19,39 +19,39 @@ OVERLONG = 0.04
 
 
 class ProcessorShare:
-    """The share of one control process, since its last sign of life. It is pinned to `core`, unless that is None, until
-    it is let onto every core. `say` prints the reactions."""
+    """The share of one control process since its last heartbeat. Unless `core` is None, the process is pinned to this
+    core until it may use every core. `say` prints the reactions."""
 
     def __init__(self, process: ProcessHandle, core: int | None, say: Callable[[str], object]) -> None:
         self._process, self._pid = process, process.pid
         self._core = core
         self._say = say
         self._cores = os.sched_getaffinity(0) | ({core} if core is not None else set())
-        """The cores that it may use, but for being pinned."""
+        """The cores that the process may use when it is not pinned."""
         self._file: int | None = None
         with suppress(OSError):
             self._file = calls.open(f"/proc/{process.pid}/schedstat", os.O_RDONLY)
         self._last: tuple[float, float, float] | None = None
         self._priority = 0
-        """Priority before it gave way; 0 if it has not."""
+        """The priority of the process before it was lowered; 0 if it was not lowered."""
         self._ran = self._waited = 0.0
         self._occupant = ""
-        """The process that had its core, and which that was, in words; empty if that is not known."""
+        """The process that had the core, and its name as text; empty if it is not known."""
 
     @property
     def kept_waiting(self) -> float:
-        """Return the time in s for which other processes certainly had the processor; on a reserved core the other
-        process must be known. 0 for a control process that had itself worked for long."""
+        """The time in s for which other processes certainly had the processor. On a reserved core, the other process
+        must be known. The time is 0 for a control process that had itself worked for a long time."""
         certain = not self._priority and self._core is None
         return self._waited if certain else 0.0
 
     @property
     def by_whom(self) -> str:
-        """Return which processes had the processor, as text."""
+        """The processes that had the processor, as text."""
         return self._occupant or "other processes had the processors"
 
     def begin(self) -> None:
-        """Start again, after a sign of life."""
+        """Start again after a heartbeat."""
         self._last, self._ran, self._waited, self._occupant = None, 0.0, 0.0, ""
         if self._priority and not self._process.ended:
             with suppress(OSError):
@@ -59,7 +59,7 @@ class ProcessorShare:
             self._priority = 0
 
     def look(self) -> None:
-        """Check the share, as there was no sign of life since the last look."""
+        """Check the share, because there was no heartbeat since the last look."""
         if self._process.ended:  # its number may be another's
             return
         now = self._times()

@@ -1,9 +1,9 @@
-"""Resetting a machine to its defaults from another process, after its control process has died.
+"""The reset of a machine to its defaults from another process, after its control process has died.
 
-Each attempt is made in its own child process, which opens the drivers again: a driver that hangs or crashes affects
-only this attempt. The first child is forked before the control process and stands by, so it works even if a limit of
-processes or descriptors is reached later. If a later child cannot be forked, the guardian does the work itself. All
-calls go through the transfer stage.
+Each attempt is made in a separate child process, which opens the drivers again. So a driver that hangs or crashes
+affects only this attempt. The first child process is forked before the control process and waits, so it works even if a
+limit on processes or descriptors is reached later. If a later child cannot be forked, the guardian does the work
+itself. All calls go through the transfer stage.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from umo.text import some
 from umo.wiring import Wired
 
 CALL_MARGIN = 1.0
-"""Time in s that a call of a driver may take in addition to twice its timeout."""
+"""The time in s that a call of a driver may take in addition to twice its timeout."""
 RESERVE_INTERVAL = 0.1
 """Time in s between two looks of the child on standby for a guardian."""
 FORK_PAUSE = 1.0
-"""Time in s to the next attempt after a process could not be forked."""
+"""The time in s until the next attempt after a process could not be forked."""
 ATTEMPT_PAUSE = 0.2
 """Time in s between two attempts."""
 LOOK_INTERVAL = 0.0005
-"""Time in s between two looks at a process."""
+"""The time in s between two checks of a process."""
 DEATH_TIMEOUT = 5.0
 """Time in s that a killed process may take to end."""
 SPARE_DESCRIPTORS = 16
 """Number of descriptors that the child on standby keeps free for the drivers."""
 NO_TIME = "no time was left"
-"""The cause if the time of an attempt was over."""
+"""The cause of the failure if the time of an attempt was over."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""The signals that ask a run to stop. A process that resets, or waits to do so, ignores them."""
+"""The signals that request a run to stop. A process that resets, or waits to do so, ignores them."""
 
 
 class _TimeIsOver(Exception):
@@ -68,8 +68,8 @@ class Resetter:
     ) -> None:
         """`guard` is called in the child that resets. `give_up` is called with the paths that an attempt has not
         reached; it ends a worker process that serves one of them, so that the next attempt can open its device. `fork`
-        forks the child on standby: the first one, or one that replaces a child that has begun to work. `end` ends it,
-        and waits at most the given time in s for that."""
+        forks the child on standby: the first child, or a child that replaces one that has begun to work. `end` ends the
+        child, and waits at most the given time in s for its end."""
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
@@ -77,11 +77,11 @@ class Resetter:
         self._segments = DriverSegments(Transfer(self._wires, wired), wired)
         self._guard, self._give_up, self._fork_reserve, self._end = guard, give_up, fork, end
         self.in_reserve: Callable[[], bool] = lambda: False
-        """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits, and returns True
-        if it must not wait any longer."""
+        """The function that is called in the child on standby every `RESERVE_INTERVAL` s while the child waits. It
+        returns True if the child must not wait any longer."""
         self.takes_place: Callable[[float], bool] = lambda within: True
-        """Function that is called in the child on standby until it returns True, because the previous child may not
-        have begun to work yet. It waits at most the given time in s for that."""
+        """The function that is called in the child on standby until it returns True. It waits at most the given time in
+        s for the previous child to begin its work."""
         self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
         self.paths = [wire.path for wire in self._wires]
         self._state = ResetState(self.paths)
@@ -90,19 +90,19 @@ class Resetter:
         self._is_last = False
         """True if the time is over: the timeouts are those of the wiring."""
         self._tries_all = False
-        """True if every actuator is tried, also after a timeout of its driver."""
+        """True if every actuator is tried, even after a timeout of its driver."""
         self._results: dict[int, tuple[Reached, str]] = {}
-        """The result of the last attempt that came to an actuator, with the cause."""
+        """The result of the last attempt for each actuator, with the cause."""
         self._untried_cause = "its driver did not answer in time"
         self._stuck_drivers: set[int] = set()
-        """Drivers (by id) that hung or crashed."""
+        """The drivers (by id) that hung or crashed."""
         self._misses = [0] * len(self._wires)
         self._child: Child | None = None
         """The child that works."""
         self._reserve: Child | None = None
         """The child that waits."""
         self._next_fork = inf
-        """Time at which another one is forked to wait, if there is none; inf: none is needed."""
+        """The time at which another child is forked to wait, if there is none; inf if none is needed."""
         self._start_pipe = self._waiting_pipe = -1
 
     def stand_by(self, first: bool = True) -> None:
@@ -121,9 +121,9 @@ class Resetter:
         return 0 if self._reserve is None else self._reserve.pid
 
     def look(self) -> bool:
-        """True if another child has replaced one that was killed or stopped by a signal. Raises OSError if it cannot be
-        forked; that is tried again `FORK_PAUSE` s later. If the previous child has failed by itself, the next one would
-        fail, too, so a child is forked only when it is needed."""
+        """Return True if another child has replaced one that was killed or stopped by a signal. Raises OSError if the
+        child cannot be forked; this is tried again `FORK_PAUSE` s later. If the previous child has failed by itself,
+        the next child would fail, too. Then a child is forked only when it is needed."""
         child = self._reserve
         if child is not None and (child.ended or child.was_stopped):
             self.dismiss()
@@ -139,7 +139,7 @@ class Resetter:
         return True
 
     def hand_over(self) -> None:
-        """Work for another guardian from now on, which calls this. The child belonged to the previous guardian."""
+        """Work from now on for the guardian that calls this. The child belonged to the previous guardian."""
         self._reserve, self._next_fork = None, inf
 
     def dismiss(self) -> None:
@@ -155,13 +155,15 @@ class Resetter:
         is_dead: Callable[[], bool] = lambda: True,
         said: Callable[[str], object] = lambda text: None,
     ) -> dict[str, str]:
-        """Bring every actuator to its default, in stop order. Return those not reached, with the cause.
+        """Bring every actuator to its default, in stop order. Return the actuators that were not reached, with the
+        causes.
 
-        Attempts are made for `lasting` s, and then as long as one reaches an actuator that none has reached before; for
-        actuators that no attempt has tried, up to the same time again. The last attempt uses the timeouts of the
-        wiring, and is repeated as long as it reaches anything. So no output stays driven on a device that answers when
-        the last attempt begins, or during a part of it. `is_dead` returns whether the old process has certainly ended:
-        then everything is reset once more, and a last time when pending requests have been carried out."""
+        Attempts are made for `lasting` s, and then as long as an attempt reaches an actuator that no attempt has
+        reached before. Actuators that no attempt has tried are tried for up to the same time again. The last attempt
+        uses the timeouts of the wiring, and is repeated as long as it reaches further actuators. So no output stays
+        driven on a device that answers when the last attempt begins, or during a part of this attempt. `is_dead`
+        returns whether the old process has certainly ended: then everything is reset once more, and a last time when
+        pending requests have been carried out."""
         until = calls.now() + lasting
         told = False
         while due := self._due():

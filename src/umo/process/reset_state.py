@@ -1,7 +1,6 @@
-"""The state of each actuator during a reset, in memory shared with the process that resets.
+"""The state of each actuator during a reset, in memory that the guardian shares with the child process that resets.
 
-The child writes and the guardian reads it, so that there is no pipe or message between them that could be full or
-broken.
+The child writes and the guardian reads this memory, so that no pipe or message between the two can be full or broken.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ class Reached(IntEnum):
 
     UNTRIED = 0
     ONCE = 1
-    """The actuator was reset. It is reset again, in case a pending request has undone that; if that attempt does not
-    end, the actuator counts as reached."""
+    """The actuator was reset. It is reset again, because a pending request may have undone the reset. If the second
+    attempt does not end, the actuator counts as reached."""
     YES = 2
     NO = 3
 
@@ -40,7 +39,7 @@ class ResetState:
         self.clear()
 
     def clear(self) -> None:
-        """Clear the states before an attempt, except whether the old process is dead."""
+        """Clear the states before an attempt, except `dead`."""
         for number in range(len(self.paths)):
             self._memory[HEADER + number * CAUSE_ENTRY] = Reached.UNTRIED
         self.begin(-1)
@@ -63,7 +62,7 @@ class ResetState:
 
     @property
     def dead(self) -> bool:
-        """True if the old control process has ended for certain."""
+        """True if the old control process has certainly ended."""
         return bool(self._cells[DEAD])
 
     # The guardian --------------------------------------------------------------------------------------

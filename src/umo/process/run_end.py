@@ -23,10 +23,10 @@ from umo.text import in_brackets, printable
 
 STANDBY = "standby guardian"
 SPARE_DESCRIPTORS = 16
-"""Number of descriptors kept free for the end: the drivers need them."""
+"""The number of descriptors that are kept free for the end, because the drivers need them."""
 STARTER_END_TIMEOUT = 0.3
-"""Time in s for the end of a starter that is also killed, whose memory is freed before its end of the channel is
-closed."""
+"""The time in s for the end of a starter that is killed together with this process. The memory of the starter is freed
+before its end of the channel is closed."""
 MAX_MESSAGE_LENGTH = 1000
 """Largest length of the message, in characters."""
 
@@ -58,7 +58,7 @@ class RunEnd:
         self._spares = [calls.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
 
     def hand_over(self) -> None:
-        """Work for the standby guardian from now on, which calls this."""
+        """Work from now on for the standby guardian, which calls this."""
         self.title = STANDBY
         self.resetter.hand_over()
 
@@ -87,8 +87,8 @@ class RunEnd:
         realtime.prepare_guardian(process.priority - 1, process.cpu)
 
     def step_in(self, control: ControlWatch, why: str, said: Callable[[str], object]) -> Outcome:
-        """Take over from a control process that died without resetting the machine, or hangs: make sure that it is
-        dead, then reset."""
+        """Take over from a control process that died without resetting the machine, or that hangs: make sure that the
+        process is dead, then reset."""
         control.process.send(signal.SIGKILL)
         left = self._reset(control.is_dead, said)
         lost = "the guardian was lost; " if self.title == STANDBY else ""
@@ -97,8 +97,8 @@ class RunEnd:
         return Outcome(Failed("ControlLost", f"{what}\n{told}", 1), unsafe=True, unreached=list(left))
 
     def settle(self, is_dead: Callable[[], bool], outcome: Outcome, said: Callable[[str], object]) -> Outcome:
-        """Finish after a control process that has disconnected by itself: retry the actuators that it could not reset.
-        `is_dead`: returns whether it has certainly ended, or no longer uses a device."""
+        """Finish after a control process that has disconnected by itself: retry the actuators that the process could
+        not reset. `is_dead` returns whether the process has certainly ended or no longer uses a device."""
         if outcome.unreached:
             left = self._reset(is_dead, said)  # all of them: the list may have been cut, and the order counts
             outcome.unsafe, outcome.unreached = True, list(left)
@@ -120,8 +120,8 @@ class RunEnd:
         return self.resetter.reset(lasting, is_dead=is_dead, said=said)
 
     def tell(self, outcome: Outcome) -> None:
-        """Record and report how the run ended. The standby guardian repeats this if the guardian is killed during
-        it."""
+        """Record and report how the run ended. The standby guardian repeats this if the guardian is killed
+        meanwhile."""
         failure = outcome.failure
         what = failure.message.partition("\n")[0] if failure is not None else "it was stopped"
         with suppress(Exception):
@@ -157,8 +157,8 @@ class RunEnd:
 
 
 def tell_final_message(channel: MessageSocket, name: str, outcome: Outcome) -> None:
-    """Print on stderr how the run ended, if the process that started it has ended. It waits for no terminal, and is
-    called when the machine has been reset and everything is recorded; an error here does not change how the run
+    """Print on stderr how the run ended, if the process that started it has ended. The function waits for no terminal.
+    It is called when the machine has been reset and everything is recorded. An error here does not change how the run
     ended."""
     with suppress(Exception):
         if channel.peer_is_gone(STARTER_END_TIMEOUT if outcome.unsafe else 0.0):

@@ -1,9 +1,9 @@
-"""Memory shared by the processes of a run: locks that report the death of their owners, signs of life, reports.
+"""The memory that the processes of a run share: locks that report the death of their owners, heartbeats, and reports.
 
 A lock is a process-shared, robust pthread mutex: the kernel passes it on with EOWNERDEAD while the dead process is
 still being removed, 0.2 ms after a SIGKILL; waiting for the exit took up to 30 ms with locked memory (POSIX.1-2017,
-pthread_mutexattr_setrobust). Nothing here needs a descriptor, so the control process cannot damage it through its own
-descriptors.
+pthread_mutexattr_setrobust). Nothing here needs a descriptor, so the control process cannot damage the memory through
+its descriptors.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ CELLS = 16
 MAX_REPORT_BYTES = 1 << 16
 """Largest length of a report, in bytes."""
 HOLD_LIMIT = 1.0
-"""Timeout in s for the process's own lock, which others take for microseconds to test it."""
+"""The timeout in s for the lock of this process. Other processes take the lock for microseconds to test it."""
 TEST_TIME = 0.002
-"""Time in s for which the lock of a dead process may seem to be held, because another process tests it."""
+"""The time in s for which the lock of a dead process may seem to be held, because another process tests the lock."""
 STOPPED_TIMEOUT = 0.2
-"""Time in s for which a process that was forked may be stopped (SIGSTOP, a debugger) before it holds its lock."""
+"""The time in s for which a forked process may be stopped (SIGSTOP, a debugger) before it holds its lock."""
 FORK_TIMEOUT = 2.0
-"""Timeout in s for a process that was forked to hold its lock: it needs 1 ms of a processor, which other processes may
+"""The timeout in s for a forked process to take its lock. It needs 1 ms of a processor, which other processes may
 use."""
 FORK_LOOK_INTERVAL = 0.02
-"""Time in s between two looks at a process that does not hold its lock yet."""
+"""The time in s between two checks of a process that does not hold its lock yet."""
 END_TIMEOUT = 5.0
 """Timeout in s for the end of a process that was killed because it did not take its lock."""
 REPORT_AT = 8 * CELLS
@@ -63,17 +63,17 @@ PIDS_AT = OUTCOME_AT + REPORT_BYTES
 
 
 class NotBegun(UmoError, OSError):
-    """Raised if a forked process has not taken its lock."""
+    """A forked process has not taken its lock."""
 
 
 def worker(number: int) -> int:
-    """The holder of the lock of a worker process, by its number from 0."""
+    """Return the holder of the lock of a worker process, by its number from 0."""
     return len(Who) + number
 
 
 class RunState:
     """The shared memory of a run, made by the guardian before it forks. `workers`: the number of worker processes. The
-    clock of the signs of life continues while the computer is suspended (`calls.boottime_ns`)."""
+    clock of the heartbeats continues while the computer is suspended (`calls.boottime_ns`)."""
 
     def __init__(self, workers: int = 0) -> None:
         count = len(Who) + workers
@@ -82,7 +82,8 @@ class RunState:
         self._memory = mmap.mmap(-1, places.stop)  # anonymous and shared
         self._locks = [calls.make_mutex(self._memory, at) for at in places]
         self._held: dict[int, int] = {}
-        """The locks that this process holds, each with its pid: a process that is forked holds none of them."""
+        """The locks that this process holds, each with the pid of this process, because a forked process holds none of
+        them."""
         self._cells = memoryview(self._memory)[:REPORT_AT].cast("q")
         numbers = memoryview(self._memory)[PIDS_AT:first].cast("q")
         self._pids, self._starts = numbers[:count], numbers[count:]
@@ -94,9 +95,9 @@ class RunState:
     # Every process -------------------------------------------------------------------------------------
 
     def fork(self, who: int) -> int:
-        """Fork a process in a session of its own, which holds its lock when this returns in the parent; returns 0 in
-        the child. Raises OSError if no process or pipe is available, or if the process does not take its lock; then it
-        is ended."""
+        """Fork a process in a new session. When this function returns in the parent, the forked process holds its lock.
+        The function returns 0 in the child. Raises OSError if no process or pipe is available, or if the process does
+        not take its lock; then the process is ended."""
         held, holding = calls.pipe()
         try:
             pid = calls.fork()
@@ -135,8 +136,8 @@ class RunState:
         return ""
 
     def hold(self, who: int, within: float = HOLD_LIMIT) -> bool:
-        """Take a lock: from now on the others detect the death of this thread. Wait up to `within` s for a former
-        holder, which may not be killable. Return True if it was taken."""
+        """Take a lock, so that from now on other processes detect the death of this thread. Wait up to `within` s for a
+        former holder, which it may be impossible to kill. Return True if the lock was taken."""
         taken = self._take(who, within)
         if taken:  # numbers are written by the holder of the lock alone
             self._pids[who] = 0
@@ -151,13 +152,13 @@ class RunState:
         calls.unlock_mutex(self._locks[who])
 
     def holds(self, who: int) -> bool:
-        """True if this process holds that lock."""
+        """Return True if this process holds that lock."""
         return self._held.get(who) == os.getpid()
 
     def process(self, who: int) -> ProcessHandle | None:
-        """The living holder of a lock, or None if there is none, or it has just taken the lock. That it holds the lock
-        after its descriptor was opened proves that its pid does not belong to another process; the time of its start
-        proves that the pid was not left by a dead holder."""
+        """Return the living holder of a lock, or None if there is none or if the holder has just taken the lock. If a
+        process holds the lock after its descriptor was opened, its pid does not belong to another process. The time of
+        its start proves that the pid does not come from a dead holder."""
         pid, started = int(self._pids[who]), int(self._starts[who])
         if not pid or self.gone(0.0, who):
             return None
@@ -166,7 +167,7 @@ class RunState:
         return handle if is_holder and not self.gone(TEST_TIME, who) and int(self._pids[who]) == pid else None
 
     def is_able(self, who: int) -> bool:
-        """True if the holder of a lock lives and can act: it was neither stopped nor killed."""
+        """Return True if the holder of a lock lives and can act: it was neither stopped nor killed."""
         process = self.process(who)
         return process is not None and not (process.is_stopped or process.is_killed)
 
@@ -180,13 +181,13 @@ class RunState:
         return process.end(within, self.watch)
 
     def wait(self, is_so: Callable[[], bool], within: float) -> bool:
-        """Wait up to `within` s until this is True, and return whether it is. A guardian, or its successor, waits for
-        another process only in this way: it gives signs of life during the wait."""
+        """Wait up to `within` s until the condition is true, and return whether it is. A guardian, or its successor,
+        waits for another process only in this way, because it gives heartbeats during the wait."""
         return wait_until(is_so, within, self.watch)
 
     def gone(self, within: float, who: int = Who.CONTROL) -> bool:
-        """Wait up to `within` s for the holder of a lock to die. Return True if it has died, or if the lock was never
-        held."""
+        """Wait up to `within` s for the holder of a lock to die. Return True if the holder has died, or if the lock was
+        never held."""
         if not self._take(who, within):
             return False
         calls.unlock_mutex(self._locks[who])
@@ -206,7 +207,8 @@ class RunState:
         self.beat()
 
     def beat(self) -> float:
-        """Give a sign of life, in every period while running. Return the time in s since the previous one."""
+        """Give a heartbeat; call this in every period while running. Return the time in s since the previous
+        heartbeat."""
         cells, now = self._cells, calls.boottime_ns()
         before = cells[BEAT]
         cells[BEAT] = now
@@ -219,8 +221,8 @@ class RunState:
 
     @property
     def excused(self) -> float:
-        """Time in s, since the last sign of life, for which other processes kept this one from running, as measured by
-        the guardian."""
+        """The time in s since the last heartbeat for which other processes kept this process from running, as measured
+        by the guardian."""
         return self._cells[EXCUSED] * 1e-9
 
     @property
@@ -240,7 +242,7 @@ class RunState:
     # The guardian --------------------------------------------------------------------------------------
 
     def watch(self) -> None:
-        """Give the guardian's own sign of life."""
+        """Give a heartbeat of the guardian."""
         self._cells[WATCH] = calls.boottime_ns()
 
     def admit(self) -> None:
@@ -252,11 +254,11 @@ class RunState:
 
     @property
     def last_watch(self) -> int:
-        """Time of the guardian's last sign of life, in ns on `calls.boottime_ns`."""
+        """The time of the guardian's last heartbeat, in ns on `calls.boottime_ns`."""
         return int(self._cells[WATCH])
 
     def ask(self, number: int) -> None:
-        """Request the control process to stop, as this signal does."""
+        """Request the control process to stop, like this signal."""
         self._cells[ASKED] = number
 
     @property
@@ -268,20 +270,20 @@ class RunState:
 
     @property
     def last_beat(self) -> int:
-        """Time of the last sign of life, in ns on `calls.boottime_ns`."""
+        """The time of the last heartbeat, in ns on `calls.boottime_ns`."""
         return int(self._cells[BEAT])
 
     @property
     def silence(self) -> float:
-        """Time in s since the last sign of life."""
+        """The time in s since the last heartbeat."""
         return (calls.boottime_ns() - self._cells[BEAT]) * 1e-9
 
     def reported(self) -> bytes:
-        """The report of the control process at its end."""
+        """Return the report of the control process at its end."""
         return _get(self._report)
 
     def conclude(self) -> None:
-        """Note that the guardian resets, records or reports the end from now on: its signs of life may be far apart."""
+        """Note that the guardian resets, records or reports the end from now on: its heartbeats may be far apart."""
         self.watch()
         self._cells[CONCLUDING] = 1
 
@@ -291,8 +293,8 @@ class RunState:
         return bool(self._cells[CONCLUDING])
 
     def settle(self, text: bytes) -> None:
-        """Store the outcome, as the machine is reset. It remains if the guardian dies before it is recorded and
-        printed."""
+        """Store the outcome, because the machine is reset. The outcome remains if the guardian dies before it has
+        recorded and printed it."""
         _put(self._outcome, text)
         self.conclude()
 
@@ -306,7 +308,7 @@ class RunState:
         return bool(self._cells[TOLD])
 
     def settled(self) -> bytes:
-        """The outcome; empty before there is one."""
+        """Return the outcome; empty before there is one."""
         return _get(self._outcome)
 
 

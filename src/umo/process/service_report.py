@@ -1,7 +1,7 @@
-"""The messages of a guardian to the service manager: start, state, signs of life and stop of the machine.
+"""The messages of a guardian to the service manager: start, state, heartbeats and stop of the machine.
 
-Sent by the guardian, and by the standby guardian once it has taken over. The sign of life for the manager's watchdog is
-passed on from the control process: without a new sign of life nothing is sent.
+The guardian sends these messages, or the standby guardian when it has taken over. The heartbeat for the manager's
+watchdog comes from the control process: without a new heartbeat of this process nothing is sent.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from umo.system import calls, notify
 from umo.system.notify import ServiceManager
 
 STATUS_INTERVAL = 1.0
-"""Shortest time in s between two looks at the state of the machine."""
+"""The shortest time in s between two checks of the state of the machine."""
 SHOWN = ("mode", "progress", "in fault", "alarms")
-"""The facts of a run in its status line."""
+"""The facts of a run in the status line."""
 
 
 class ServiceReport:
-    """Reports one run to the service manager. `reader` returns the reader of its frames, or None while there are none.
-    Without a service manager nothing is done. `clock` in s."""
+    """The reports of one run to the service manager. `reader` returns the reader of the run's frames, or None while
+    there are none. Without a service manager nothing is done. `clock` is in s."""
 
     def __init__(
         self,
@@ -41,22 +41,22 @@ class ServiceReport:
         self._clock = clock or calls.now
         self._is_ready = self._is_stopping = False
         self._beat = -1
-        """The sign of life that was passed on last."""
+        """The heartbeat that was passed on last."""
         self._next_alive = self._next_status = 0.0
         self._status = ""
         self._seen: tuple[object, ...] = ()
-        """The facts from which that status was made."""
+        """The facts from which the last status was made."""
 
     @classmethod
     def of_this_process(cls, run_state: RunState, reader: Callable[[], RunReader | None]) -> ServiceReport:
-        """Return the report to the service manager that started the parent of this process, if one did. Its variables
-        are removed."""
+        """Return the report to the service manager that has started the parent of this process, if there is one. Its
+        environment variables are removed."""
         manager = ServiceManager.of_environment(os.environ, (os.getpid(), os.getppid()))
         notify.without(os.environ)
         return cls(manager, run_state, reader)
 
     def look(self) -> None:
-        """Check once, every 20 ms while the control process runs, in the guardian."""
+        """Check once. The guardian calls this every 20 ms while the control process runs."""
         if not self._manager.listens or self._is_stopping:
             return
         stage, now = self._run_state.stage, self._clock()

@@ -1,7 +1,7 @@
-"""The files that a run has read: its code, its wiring and its recipes, and which of them have changed on disk since.
+"""The files that a run has read (its code, its wiring and its recipes), and the changes of these files on disk since.
 
-A run hashes them once, when it has read them, and publishes the hashes in its description. A process that needs to know
-compares them, so that the loop does not access the disk.
+A run hashes the files once, when it has read them, and publishes the hashes in its description. A process that needs to
+know about changes compares the hashes, so that the loop does not access the disk.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from umo.process.named_files import named_files
 from umo.text import INSTALLED, is_users, printable, shown_path, some
 
 MAX_FILE_BYTES = 8 << 20
-"""Number of bytes of a larger file that are hashed, in addition to its size, because a run waits for the hashes."""
+"""The largest number of bytes of a file that are hashed, in addition to its size. It is limited because a run waits for
+the hashes."""
 
 
 def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, str]:
-    """The hash of each file that this process has read for a run, by its absolute path: the wiring if it is a file,
-    recipes, and every module that does not belong to umo, Python or an installed package. `place`: the folder of the
-    station, whose own modules always count, or its script. A file that cannot be read does not count."""
+    """Return the hash of each file that this process has read for a run, by its absolute path: the wiring if it is a
+    file, recipes, and every module that does not belong to umo, Python or an installed package. `place`: the folder of
+    the station, whose modules always count, or its script. A file that cannot be read does not count."""
     folder = place.resolve()
     files = [str(wiring.resolve())] if isinstance(wiring, Path) else []
     files += [str(file) for file in _recipes(machine)]
@@ -36,8 +37,8 @@ def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, st
 
 
 def later_files(place: Path, known: Mapping[str, str]) -> dict[str, str]:
-    """The same for files in the folder of the station that its code names, and that it may read later: a module that is
-    imported in the middle of a run, a table of values."""
+    """Return the hashes, as `source_files` does, of files in the folder of the station that its code names and may read
+    later: a module that is imported in the middle of a run, a table of values."""
     folder = _folder_of(place.resolve())
     return {file: found for file in named_files(known, folder) if file not in known and (found := digest_of(file))}
 
@@ -48,12 +49,12 @@ class ChangedFile(NamedTuple):
     that is shorter."""
     is_gone: bool
     is_read: bool = True
-    """True if the run has read it; otherwise its code names it, and the run may have read it."""
+    """True if the run has read the file. Otherwise the code of the run names the file, and the run may have read it."""
 
 
 def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
-    """The files of a run that have changed on disk since it read them, according to the hashes in its frames
-    (`Reader.about`). Empty for a run on another computer, and for one without hashes."""
+    """Return the files of a run that have changed on disk since it read them, according to the hashes in its frames
+    (`Reader.about`). The result is empty for a run on another computer, and for a run without hashes."""
     job = about.get("job")
     if not isinstance(job, Mapping) or job.get("host") != platform.node():
         return []
@@ -67,9 +68,9 @@ def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
 
 
 def other_files(job: Mapping[str, Any], place: Path) -> list[str] | None:
-    """Names of the files that a recorded run had, or may have read, in the folder of its station, or beside its script,
-    and that differ in `place`. Its wiring does not count, because a recording contains it. None if the job does not
-    have them."""
+    """Return the names of the files that differ in `place` and that a recorded run has read, or may have read, in the
+    folder of its station or next to its script. The wiring does not count, because a recording contains it. Return None
+    if the job has no hashes."""
     known, where, wiring = job.get("sources"), job.get("place"), job.get("wiring")
     if not isinstance(known, Mapping) or not known or not isinstance(where, str):
         return None
@@ -98,8 +99,8 @@ def _is_below(file: object, folder: Path, wiring: str) -> bool:
 
 
 def changed_text(changed: Sequence[ChangedFile]) -> str:
-    """Return the same as text: `it runs the former control.py, which has changed on disk since the start; the next run
-    takes it as it is now`; empty if nothing has changed."""
+    """Return a text about the changed files, such as `it runs the former control.py, which has changed on disk since
+    the start; the next run takes it as it is now`. The text is empty if nothing has changed."""
     texts = []
     for is_read, runs in ((True, "runs the former"), (False, "may have read the former")):
         names = [f"{each.path} (gone)" if each.is_gone else each.path for each in changed if each.is_read is is_read]
@@ -138,7 +139,7 @@ def _recipes(machine: Compound) -> Iterator[Path]:
 
 
 def digest_of(file: str) -> str:
-    """The first 32 hexadecimal digits of the SHA-256; empty if the file cannot be read."""
+    """Return the first 32 hexadecimal digits of the SHA-256 of a file; empty if the file cannot be read."""
     try:
         stat = Path(file).stat()
         return _digest_of(file, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino)

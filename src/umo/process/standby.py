@@ -1,10 +1,10 @@
-"""The followers of the guardian: a standby guardian, and behind it the process that waits to reset the machine.
+"""The followers of the guardian: a standby guardian, and after it the process that waits to reset the machine.
 
-The standby guardian is forked by the guardian before anything is driven, in a session of its own, and waits until the
-guardian dies or gives no sign of life. The reserve, the child that waits to reset for the guardian, takes the place of
-both when they are dead, or when neither gives a sign of life. The process that takes over is the only guardian: it has
-killed its predecessors and their child that resets, and waited for their end (up to 5 s: a process that is blocked in a
-kernel call cannot be killed)."""
+The guardian forks the standby guardian in a new session before anything is driven. The standby guardian waits until the
+guardian dies or gives no heartbeat. The reserve, the child process that waits to reset for the guardian, takes the
+place of both when they are dead, or when neither gives a heartbeat. The process that takes over is the only guardian:
+it has killed its predecessors and their child that resets, and has waited for their end (up to 5 s, because a process
+that is blocked in a kernel call cannot be killed)."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from umo.system import calls
 from umo.system.processes import Child, ProcessHandle, carry_out, identity, name_process
 
 LOOK_INTERVAL = 0.1
-"""Time in s between two looks at the guardian's signs of life; its death is seen at once."""
+"""The time in s between two checks of the guardian's heartbeats. The death of the guardian is detected immediately."""
 CONCLUDING_LIMIT = 30.0
-"""Timeout in s for the guardian's signs of life while it resets, records and reports, because drivers and disks may be
-slow."""
+"""The timeout in s for the guardian's heartbeats while it resets, records and reports. It is long because drivers and
+disks may be slow."""
 RESERVE_GRACE = 1.0
-"""Time in s, beyond those limits, that the reserve leaves to the standby guardian."""
+"""The time in s after these limits for which the reserve still waits for the standby guardian."""
 
 
 class Silence:
-    """Measures how long no guardian has given a sign of life, by looks `LOOK_INTERVAL` s apart, because the whole
-    computer may have been suspended. `limit` in s."""
+    """The measurement of the time for which no guardian has given a heartbeat. It counts looks that are `LOOK_INTERVAL`
+    s apart, because the whole computer may have been suspended. `limit` is in s."""
 
     def __init__(self, run_state: RunState, limit: float) -> None:
         self._run_state, self._limit = run_state, limit
@@ -45,9 +45,9 @@ class Silence:
 
 
 class Standby:
-    """The standby guardian, and the reserve, of the process that makes this. `limit`: timeout in s for a guardian's
-    signs of life. `take_over` is carried out in the process that takes over. The starter gets its pid; `say` prints
-    failures."""
+    """The standby guardian, and the reserve, of the process that makes this object. `limit`: the timeout in s for a
+    guardian's heartbeats. `take_over` is carried out in the process that takes over. The starter gets the pid of the
+    standby guardian. `say` prints failures."""
 
     def __init__(
         self,
@@ -65,10 +65,11 @@ class Standby:
         self._silence = Silence(run_state, limit)
         self._child: Child | None = None
         self._next_fork = 0.0
-        """Time at which another one is forked, if there is none."""
+        """The time at which another standby guardian is forked, if there is none."""
 
     def appoint(self) -> None:
-        """Fork the standby guardian, and wait until it watches. If it cannot be forked, a notice is printed."""
+        """Fork the standby guardian, and wait until it watches. If the standby guardian cannot be forked, a notice is
+        printed."""
         try:
             pid = self._run_state.fork(Who.STANDBY)
         except OSError as error:
@@ -120,8 +121,8 @@ class Standby:
     # The reserve ---------------------------------------------------------------------------------------
 
     def follow_both(self) -> bool:
-        """Check once, every `LOOK_INTERVAL` s, in the reserve. Return True if the run has ended, by itself or by the
-        reserve."""
+        """Check once. The reserve calls this every `LOOK_INTERVAL` s. Return True if the run has ended, by itself or by
+        the reserve."""
         run_state = self._run_state
         both_dead = run_state.gone(0.0, Who.GUARDIAN) and self._standby_is_out()
         if run_state.told or (both_dead and not run_state.admitted):  # nothing was driven
@@ -146,5 +147,5 @@ class Standby:
 
 
 def tell_who(channel: MessageSocket, kind: str, pid: int) -> None:
-    """Send the starter the identity of this process, which cannot be mistaken for another one."""
+    """Send the starter the identity of this process, which cannot be confused with the identity of another process."""
     channel.send(kind, pid=pid, identity=identity(pid))

@@ -1,4 +1,4 @@
-"""Starting a machine in its own processes, and controlling it from a program."""
+"""Functions that start a machine in separate processes, and control it from a program."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ from umo.text import some
 
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment in which numpy starts no threads of its own: the loop's process must have only one."""
+"""The environment in which numpy starts no threads, because the loop's process must have only one thread."""
 FIXED_HASHES = {HASH_SEED: "0"}
-"""Environment in which sets of texts have the same order in each run, unless another one is given: a recording of the
-run can be replayed."""
+"""The environment in which sets of strings have the same order in each run, so that a recording of the run can be
+replayed. The user's environment can override it."""
 
 CONTROL = "control process"
 GUARDIANS = ("guardian", "standby guardian", "reset process")
-"""The processes each of which can stop and reset the machine."""
+"""The processes that can stop and reset the machine."""
 NAMES = {"control": CONTROL, "running": CONTROL, "standby": "standby guardian", "reserve": "reset process"}
 """The process to which a message of each kind refers."""
 STOPPED_LOOK_INTERVAL = 0.5
 """Time in s between two looks for processes that were stopped by a signal."""
 START_STOP_TIMEOUT = 10.0
-"""Timeout in s for the end of a guardian that was asked to stop before it guards, because a station's code may ignore
-that."""
+"""The timeout in s for the end of a guardian that was requested to stop before it guards. A station's code may ignore
+such a request."""
 GUARDIAN_END_TIMEOUT = 2.0
 """Timeout in s for the end of a guardian that has reported the outcome."""
 UNKNOWN_TIMEOUT = 2.0
-"""Timeout in s, when all processes that the starter knows have ended, for processes that were not reported to it: a
-worker that still resets its device, or a process that was stopped by a signal before anything was driven."""
+"""The timeout in s, after all processes that the starter knows have ended, for processes that were not reported to the
+starter: a worker that still resets its device, or a process that was stopped by a signal before anything was driven."""
 STANDBY_END_TIMEOUT = 1.0
 """Timeout in s for the end of a standby guardian that has reported the outcome."""
 
@@ -77,18 +77,18 @@ def start(
     fresh: bool = False,
     **options: Any,
 ) -> Started:
-    """Start a machine in its own guardian and control process. Returns at once.
+    """Start a machine with a guardian and a control process. Returns immediately.
 
         with umo.start("ztheta", "modbus", parts=2) as machine:
             outcome = machine.wait()
 
-    `station` is a station's name or folder, or a function that declares the machine, together with an `application`.
-    Both functions must be importable by another process, so they cannot be defined in a notebook. `wiring` is a wiring
-    of the station by name, a file, or its contents. `options` are passed to the application and the drivers, as on the
-    command line. `acknowledge` starts a machine whose last run ended unsafely. `manual` starts in manual mode, in which
-    the application waits (`umo.attach`). `fresh` starts without the kept values of the last run. Linux only
-    (DriverError elsewhere). If the other process finds a mistake, such as an unknown option or a mistake in the wiring,
-    `wait` raises RunFailed.
+    `station` is a station's name or folder, or a function that declares the machine; a function needs an `application`.
+    Both functions must be importable by another process, so they cannot be defined in a notebook. `wiring` is the name
+    of a wiring of the station, a file, or the contents of a file. `options` are passed to the application and the
+    drivers, as on the command line. `acknowledge` starts a machine whose last run ended unsafely. `manual` starts in
+    manual mode, in which the application waits (`umo.attach`). `fresh` starts without the kept values of the last run.
+    Linux only (DriverError elsewhere). If the other process finds an error, such as an unknown option or a mistake in
+    the wiring, `wait` raises RunFailed.
     """
     if callable(station):
         machine, script = reference(station)
@@ -102,39 +102,40 @@ def start(
 
 
 class Started:
-    """A machine that runs in other processes. It is stopped when the `with` block, or this program, ends."""
+    """A machine that runs in other processes. The machine is stopped when the `with` block, or this program, ends."""
 
     def __init__(self, job: Job, *, is_service: bool = False) -> None:
-        """`is_service`: True if this program exists only for the run, which reports for it to a service manager."""
+        """`is_service`: True if this program exists only for the run; then the run reports to a service manager in
+        place of the program."""
         if not LINUX:
             raise DriverError("umo.start needs Linux; virtual time works everywhere")
         descriptors.ensure()
         self.pid: int | None = None
         """The pid of the control process, once it is running."""
         self.frames: Reader | None = None
-        """Reader of all frames from the first one on; None before it is running. Use it in one place only."""
+        """The reader of all frames from the first one on; None before the machine runs. Use it in one place only."""
         self.refusals: list[Refusal] = []
-        """Real-time settings that the operating system did not permit."""
+        """The real-time settings that the operating system did not permit."""
         self.notices: list[str] = []
         self._outcome: Outcome | None = None
         self._left_outcome: Outcome | None = None
-        """The outcome that the control process sent at its end. The guardian's is the last word."""
+        """The outcome that the control process has sent at its end. The outcome of the guardian takes precedence."""
         self.standby = 0
         """The standby guardian's pid, once it is known; 0 before."""
         self.reserve = 0
         """The pid of the reset process that follows both guardians, once it is known; 0 before."""
         self._others: dict[str, ProcessHandle] = {}
-        """The other processes of the run, by what they are."""
+        """The other processes of the run, by their functions."""
         self._stop_asked = False
-        """True if a stop was asked for."""
+        """True if a stop was requested."""
         self._start_limit = inf
-        """Time at which a guardian that was asked to stop, and has not forked anything, is killed."""
+        """The time at which a guardian that was requested to stop and has not forked anything is killed."""
         self._give_up = inf
         """Time at which the wait ends, because all known processes have ended."""
         self._next_look = 0.0
         """Time of the next look for stopped processes."""
         self._guardian_has_ended = False
-        """True if it was waited for, when it had told the outcome."""
+        """True if the guardian had reported the outcome and its end was awaited."""
         self._lock = threading.RLock()
         self._name = job.name
         text = job.dump()
@@ -167,7 +168,7 @@ class Started:
 
     @property
     def stage(self) -> Stage:
-        """STARTING, RUNNING or ENDED."""
+        """The stage of the run: STARTING, RUNNING or ENDED."""
         self.poll()
         if self._outcome is not None:
             return Stage.ENDED
@@ -175,14 +176,14 @@ class Started:
 
     @property
     def values(self) -> dict[str, float | str]:
-        """The latest values by path: a number in its unit, or a state's name. Empty before the first frame."""
+        """The latest values by path: a number in its unit, or the name of a state. Empty before the first frame."""
         self.poll()
         frame = None if self.frames is None else self.frames.latest()
         return {} if self.frames is None or frame is None else self.frames.values(frame)
 
     @property
     def progress(self) -> Progress:
-        """The progress of its work that the machine told last (`m.cycle.progress`)."""
+        """The progress of its work that the machine reported last (`m.cycle.progress`)."""
         self.poll()
         return progress_of(None if self.frames is None else self.frames.latest())
 
@@ -200,7 +201,7 @@ class Started:
         return html_table("machine", facts, []) if self.frames is None else self.frames.html(more=facts)
 
     def poll(self, timeout: float = 0.0) -> None:
-        """Process messages of the other processes; wait up to `timeout` s for one. Any thread may call it."""
+        """Process messages of the other processes. Wait up to `timeout` s for a message. Any thread may call this."""
         with self._lock:
             while self._outcome is None and (message := self._channel.receive(timeout)) is not None:
                 timeout = 0.0
@@ -265,7 +266,7 @@ class Started:
             self.notices.append(text)
 
     def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait for the end and return the outcome. TimeoutError after `timeout` s. Raises RunFailed if the run
+        """Wait for the end and return the outcome. Raises TimeoutError after `timeout` s, RunFailed if the run
         failed."""
         until = None if timeout is None else calls.now() + timeout
         while self._outcome is None:
@@ -277,7 +278,7 @@ class Started:
         return self._outcome
 
     def ask_to_stop(self, number: int = signal.SIGTERM) -> None:
-        """Request a safe stop, like this signal does. Returns at once."""
+        """Request a safe stop, like this signal. Returns immediately."""
         self._stop_asked = True
         self._channel.send("stop", signal=number)
         if not self._is_under_way:  # it may be at work in the station's own code, and does not listen
@@ -334,9 +335,9 @@ class Started:
 
 
 def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: str, *, running: bool) -> Outcome:
-    """The outcome if no process has reported it: it is derived from the guardian's exit status, and from the control
-    process's own report, if there is one. `actuators`: the actuators of the machine, as far as known; `name`: its
-    station. `running`: whether the machine had been started."""
+    """Return the outcome for the case that no process has reported it. It is derived from the guardian's exit status,
+    and from the report of the control process, if there is one. `actuators`: the known actuators of the machine.
+    `name`: the name of the station. `running`: whether the machine had been started."""
     if status < 0 and left is not None:
         what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended; {INSPECT}"
         if left.failure is None:

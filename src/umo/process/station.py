@@ -1,4 +1,4 @@
-"""Finds a station: a directory, or a package that ships with umo."""
+"""The search for a station: a directory, or a package that ships with umo."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from umo.text import did_you_mean, in_brackets, shown_place
 from umo.user_code import definition, is_interrupt, raise_as
 
 GROUP = "umo.stations"
-"""Entry points of stations that packages install: each has the name and the package that is the station's folder."""
+"""The group of entry points for stations that packages install. Each has the name of the station and the package that
+is the station's folder."""
 
 
 class StationError(UmoError, LookupError):
@@ -30,14 +31,15 @@ class StationError(UmoError, LookupError):
 class Station:
     """A folder with `objects.py` (`machine(...)`), `application.py` (`main(m, ...)`) and `wiring/*.toml`.
 
-    It is imported as a package: its modules import one another by `from .control import ...`.
+    The folder is imported as a package, so its modules import one another by `from .control import ...`.
     """
 
     name: str
     path: Path
 
     def module(self, name: str) -> ModuleType | None:
-        """Return one of its modules, or None if there is none. Raises StationError if it cannot be imported."""
+        """Return the module of the station with this name, or None if there is none. Raises StationError if the module
+        cannot be imported."""
         file = self.path / f"{name}.py"
         if not file.is_file():
             return None
@@ -50,8 +52,9 @@ class Station:
             raise StationError(f"{file} cannot be imported: {text_of(error)}{hint}") from error
 
     def load(self, name: str) -> Any:
-        """Return one of its modules, the same object that the station itself imports, so that its tests get its own
-        classes (`Tank = station(__file__).load("control").Tank`). Raises StationError if there is none."""
+        """Return the module of the station with this name. It is the same object that the station itself imports, so
+        that tests get the classes that the station uses (`Tank = station(__file__).load("control").Tank`). Raises
+        StationError if there is no such module."""
         found = self.module(name)
         if found is None:
             known = [file.stem for file in sorted(self.path.glob("*.py"))]
@@ -73,7 +76,7 @@ class Station:
         return make
 
     def machine(self, **options: Any) -> Compound:
-        """A new machine, declared and not connected. The options are parameters of `machine` in objects.py."""
+        """Return a new machine, declared and not connected. The options are parameters of `machine` in objects.py."""
         return declared(self.make, f"machine() of {self.path / 'objects.py'}", options)
 
     @property
@@ -96,7 +99,8 @@ class Station:
         return {name: found[name] for name in sorted(found, key=lambda name: (name != "simulated", name))}
 
     def wiring(self, name: str | None) -> Path | None:
-        """A wiring of the station by name, or any file; None (everything simulated) if it has none."""
+        """Return a wiring of the station by name, or any file; None (everything simulated) if the station has no
+        wiring."""
         if name is None:
             return next(iter(self.wirings.values()), None)
         if name in self.wirings:
@@ -108,7 +112,7 @@ class Station:
 
 
 def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) -> Compound:
-    """The machine that a function declares. Raises DeclarationError if it fails or returns something else."""
+    """Return the machine that a function declares. Raises DeclarationError if it fails or returns something else."""
     with raise_as(DeclarationError, f"{what} failed"), heard():
         root = make(**options)
     if not isinstance(root, Compound):
@@ -132,13 +136,13 @@ def _instead(root: object) -> str:
 
 
 def shipped() -> dict[str, Path]:
-    """The stations that ship with umo, by name."""
+    """Return the stations that ship with umo, by name."""
     return {file.parent.name: file.parent for file in sorted(SHIPPED.glob(f"*/{MARK}"))}
 
 
 def packaged(name: str) -> Path | None:
-    """The folder of the station of this name that ships with umo, or that an installed package registers (entry points
-    of the group `umo.stations`: the name, and the station's package), or None if there is none."""
+    """Return the folder of the station of this name that ships with umo, or that an installed package registers (entry
+    points of the group `umo.stations`), or None if there is none."""
     if (folder := shipped().get(name)) is not None:
         return folder
     for point in registered(GROUP, name=name):
@@ -151,7 +155,7 @@ def packaged(name: str) -> Path | None:
 
 
 def find(name: str | Path) -> Station:
-    """The station of that name, or in that directory."""
+    """Return the station with this name, or in this directory."""
     path, text = Path(name), str(name)
     if (path / MARK).is_file():
         return Station(path.resolve().name, path.resolve())

@@ -1,7 +1,8 @@
-"""A worker process: serves drivers off the cycle that belong together, next to the control process. It answers the
-requests of the process that connects or resets the machine, and transfers at the drivers' own periods while the control
-process lives and requests it. It is an ordinary process, which the kernel runs only when the control process does not
-need the processor. If control process and guardians are gone it brings its outputs to their defaults, and ends.
+"""A worker process, which serves drivers off the cycle that belong together, next to the control process. The worker
+answers the requests of the process that connects or resets the machine. While the control process lives and requests
+it, the worker makes transfers at the periods of the drivers. It is an ordinary process, which the kernel runs only when
+the control process does not need the processor. If control process and guardians are gone, the worker brings its
+outputs to their defaults and ends.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from umo.system import calls, realtime
 from umo.system.processes import name_process
 
 REQUEST_INTERVAL = 0.0005
-"""Time in s between two looks for a request while nothing is controlled."""
+"""The time in s between two checks for a request while nothing is controlled."""
 ORDER_INTERVAL = 0.005
-"""Longest time in s between two looks for an order while the machine runs."""
+"""The longest time in s between two checks for an order while the machine runs."""
 
 
 class MachineTime:
-    """The machine's time, by which injected faults act, as the control process provides it."""
+    """The machine's time that the control process provides. Injected faults act by this time."""
 
     def __init__(self) -> None:
         self.ns = NO_TIME
@@ -38,7 +39,7 @@ class MachineTime:
 
 
 class WorkerProcess:
-    """The work of one process. `orders`: the channels' texts of each driver's outputs in the order of stopping."""
+    """The work of one worker process. `orders`: the texts of the channels of each driver's outputs, in stop order."""
 
     def __init__(
         self,
@@ -49,8 +50,8 @@ class WorkerProcess:
         reset_for: float,
         injection: Injection | None,
     ) -> None:
-        """`hang`: timeout in s for signs of life of the control process; `reset_for`: time in s for which it tries to
-        reset if no other process is left."""
+        """`hang`: the timeout in s for heartbeats of the control process. `reset_for`: the time in s for which the
+        worker tries to reset if no other process is left."""
         self._run_state = run_state
         self._proxies = proxies
         self._orders = orders
@@ -70,8 +71,9 @@ class WorkerProcess:
         watchdogs: Sequence[float | None] = (),
         hold: float = 0.0,
     ) -> int:
-        """Serve until the machine is reset. With `defaults`, those of each driver's channels, it replaces a worker that
-        has died: it first brings the outputs to their defaults, and keeps them there for `hold` s."""
+        """Serve until the machine is reset. With `defaults`, the defaults of each driver's channels, this process
+        replaces a worker that has died: it first brings the outputs to their defaults, and keeps them there for `hold`
+        s."""
         name_process("umo worker")
         realtime.drop_realtime(niceness=0)
         for number in STOP_SIGNALS:

@@ -1,7 +1,7 @@
 """The worker processes of a run, which its guardian supervises: one for each group of drivers that share a device.
 
-A worker that has died or does not answer is replaced while the machine runs: the new one brings the outputs to their
-defaults first. At the end of a run the workers are ended when every actuator is at its default.
+A worker that has died or does not answer is replaced while the machine runs. The new worker first brings the outputs to
+their defaults. At the end of a run the workers are ended when every actuator is at its default.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from umo.text import some
 from umo.wiring import Wired
 
 FIRST_PAUSE, MAX_PAUSE = 0.05, 0.5
-"""Shortest and longest time in s from the death of a worker that had not brought its outputs to their defaults to the
-next worker; it doubles. All others are replaced at once."""
+"""The shortest and the longest time in s until a worker is replaced that has died before it had brought its outputs to
+their defaults. The time is doubled each time. Any other worker is replaced immediately."""
 FIRST_HOLD, MAX_HOLD = 0.1, 5.0
-"""Time in s for which a worker keeps its outputs at their defaults, from the second replacement on: the first one and
-the longest one; it doubles."""
+"""The first and the longest time in s for which a worker keeps its outputs at their defaults, from the second
+replacement on. The time is doubled each time."""
 STABLE_TIME = 60.0
-"""Time in s that a worker must live so that the next replacement counts as the first one."""
+"""The time in s for which a worker must live so that the next replacement counts as the first one."""
 
 
 def groups_of(wired: Wired) -> list[list[str]]:
-    """The names of the drivers off the cycle; those that share a device are in one group."""
+    """Return the names of the drivers off the cycle, in groups. Drivers that share a device are in one group."""
     groups: list[tuple[set[str], list[str]]] = []
     for name, driver in wired.drivers.items():
         if isinstance(driver, OffCycle):
@@ -166,8 +166,9 @@ class Workers:
         return process.run(defaults, group.watchdogs, group.hold) if replaces else process.run()
 
     def look(self) -> None:
-        """Replace the workers that have died, were stopped by a signal, or give no sign of life. The next worker first
-        brings the outputs to their defaults. It starts at once, unless the previous one had not even done that."""
+        """Replace the workers that have died, were stopped by a signal, or give no heartbeat. The next worker first
+        brings the outputs to their defaults. It starts immediately, unless the previous worker has failed before it had
+        done this."""
         for group in self._groups:
             why = self._ending(group)
             if why:
@@ -208,7 +209,7 @@ class Workers:
     # The end of the run ------------------------------------------------------------------------------------
 
     def end_those_of(self, paths: Collection[str]) -> None:
-        """End the workers that did not bring these actuators to their defaults: because their devices are opened
+        """End the workers that did not bring these actuators to their defaults, because their devices are opened
         again."""
         proxies = {id(wire.driver) for wire in self._stop_order if wire.path in paths}
         for group in self._groups:

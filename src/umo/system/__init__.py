@@ -1,1 +1,2 @@
-"""Access to the operating system: priorities, locks, counters, folders, clocks. This package does not know machines."""
+"""Access to the operating system: priorities, locks, counters, folders, clocks. This package has nothing to do with
+machines."""

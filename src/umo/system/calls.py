@@ -1,9 +1,10 @@
-"""The seam of the operating system: what the processes of a run, the timer and the device lock ask of it.
+"""The boundary to the operating system: all functions of it that the processes of a run, the timer and the device lock
+use.
 
-`umo.process`, `umo.generate.split`, `umo.drivers.timerfd` and `umo.system.device_lock` use nothing else of the
-operating system that waits, reads the time, or can be observed by another process. No function here decides anything or
-keeps anything. So a test can put a gate in front of each: it replaces the function in this module, and the real one
-does the work behind it.
+`umo.process`, `umo.generate.split`, `umo.drivers.timerfd` and `umo.system.device_lock` use no other function of the
+operating system that waits, reads the time, or has an effect on another process. No function here decides or stores
+anything. So a test can put a gate in front of each function: the gate replaces the function in this module, and calls
+the real function.
 
 A function is called through the module, when it is needed:
 
@@ -11,11 +12,12 @@ A function is called through the module, when it is needed:
 
     calls.sleep(0.1)
 
-It is never imported by its name, and never kept when a module is imported (in a constant, the default of an argument or
-the body of a class): a gate that comes later would be passed by. An object may keep one from its construction on, as
-the timer does, which calls some in every period. `tests/process/test_calls.py` and the import contracts hold this rule.
+A function is never imported by its name, and never stored when a module is imported (in a constant, the default of an
+argument or the body of a class), because a gate that is added later would have no effect. An object may store a
+function at its construction: the timer does so, because it calls some functions in every period.
+`tests/process/test_calls.py` and the import contracts check this rule.
 
-Two things pass by these functions: memory that processes share (the methods of `RunState` and `ResetState` can be
+Two things do not use these functions: memory that processes share (the methods of `RunState` and `ResetState` can be
 replaced), and a period that is carried out in C (`compile = true`), which waits for the timer by itself.
 """
 
@@ -53,14 +55,14 @@ PR_SET_PDEATHSIG = 1
 
 
 def fork() -> int:
-    """Fork this process (fork(2)). Return the child's number, and 0 in the child. Raises OSError if no process can be
-    created."""
+    """Fork this process (fork(2)). Return the child's number; return 0 in the child. Raises OSError if no process can
+    be created."""
     return os.fork()
 
 
 def start_program(words: Sequence[str], files: Sequence[int], environ: Mapping[str, str]) -> int:
-    """Start a program that inherits these descriptors beside stdout and stderr, in a session of its own, and return its
-    number. It is a child of this process: call `wait` for it. Raises OSError if it cannot be started."""
+    """Start a program in a new session, and return its number. The program inherits these descriptors in addition to
+    stdout and stderr. It is a child of this process: call `wait` for it. Raises OSError if it cannot be started."""
     program = subprocess.Popen(
         words, pass_fds=files, stdin=subprocess.DEVNULL, start_new_session=True, env=dict(environ)
     )
@@ -69,14 +71,14 @@ def start_program(words: Sequence[str], files: Sequence[int], environ: Mapping[s
 
 
 def exit_now(status: int) -> NoReturn:
-    """End this process, without exit handlers and without writing what was printed (_exit(2))."""
+    """End this process without exit handlers, and without writing text that is still buffered (_exit(2))."""
     os._exit(status)
 
 
 def wait(pid: int) -> tuple[int, int]:
-    """Return the number and status (waitpid(2)) of a child that has ended or was stopped by a signal: of the named one,
-    or of any one (-1). Returns (0, 0) if there is no such child yet. Never waits. Raises ChildProcessError if the
-    process has no such child at all."""
+    """Return the number and status (waitpid(2)) of a child that has ended or was stopped by a signal: the child with
+    this number, or any child (-1). Returns (0, 0) if there is no such child yet. Never waits. Raises ChildProcessError
+    if the process has no such child at all."""
     return os.waitpid(pid, os.WNOHANG | os.WUNTRACED)
 
 
@@ -99,21 +101,21 @@ def signal_process(file: int, number: int) -> None:
 
 
 def stat_of(pid: int) -> str:
-    """The text of proc_pid_stat(5); empty where there is no such process."""
+    """Return the text of proc_pid_stat(5); empty if there is no such process."""
     with suppress(OSError):
         return Path(f"/proc/{pid}/stat").read_text(errors="replace")
     return ""
 
 
 def new_session() -> None:
-    """Make this process the leader of a session and a process group of its own (setsid(2)): a signal to the group or
-    session of another does not reach it."""
+    """Make this process the leader of a new session and process group (setsid(2)), so that a signal to another group or
+    session does not reach it."""
     os.setsid()
 
 
 def die_with_parent(parent: int, number: int) -> None:
     """Have the kernel send this signal to this process when the process `parent` (pid) ends for any reason
-    (PR_SET_PDEATHSIG); at once if it has already ended."""
+    (PR_SET_PDEATHSIG). If the parent has already ended, the signal is sent immediately."""
     _libc().prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         signal.raise_signal(signal.Signals(number))
@@ -123,14 +125,14 @@ def die_with_parent(parent: int, number: int) -> None:
 
 
 def handle_signal(number: int, handler: SignalHandler) -> SignalHandler:
-    """Have a signal handled by this function, by SIG_IGN or by SIG_DFL. Return the former handler. Works only in the
-    main thread; raises ValueError in any other."""
+    """Set the handler of a signal: this function, SIG_IGN or SIG_DFL. Return the former handler. Raises ValueError in a
+    thread other than the main thread."""
     return signal.signal(number, handler)
 
 
 def mask_signals(how: int, numbers: Iterable[int]) -> set[int]:
-    """Block (SIG_BLOCK) or unblock these signals in this thread, or block exactly these (SIG_SETMASK). Return those
-    that were blocked before."""
+    """Block (SIG_BLOCK) or unblock these signals in this thread, or block exactly these signals (SIG_SETMASK). Return
+    the signals that were blocked before."""
     return {int(number) for number in signal.pthread_sigmask(how, numbers)}
 
 
@@ -142,13 +144,14 @@ def set_alarm(first: float, interval: float = 0.0) -> None:
 # Descriptors ----------------------------------------------------------------------------------------------
 
 INPUT = getattr(select, "POLLIN", 1)
-"""There is something to read, or a process has ended."""
+"""The event that there is something to read, or that a process has ended."""
 HUNG_UP = getattr(select, "POLLHUP", 16) | getattr(select, "POLLERR", 8)
-"""The other end is closed."""
+"""The event that the other end is closed."""
 
 read = os.read
-"""Read up to this number of bytes from a descriptor (read(2)), also from a timer: 8 bytes, after its next expiry. It
-waits where there is nothing: callers look first (`ready`), or another process or a stop ends the wait."""
+"""Read up to this number of bytes from a descriptor (read(2)). From a timer, 8 bytes are read after its next expiry.
+The function waits if there is nothing to read: callers call `ready` first, or another process or a stop ends the
+wait."""
 
 
 def write(file: int, data: bytes) -> int:
@@ -179,8 +182,8 @@ def pipe() -> tuple[int, int]:
 
 
 def ready(file: int, within: float, awaited: int = INPUT) -> int:
-    """Wait up to `within` s for something to read, or for the other end to be closed. Return the events of poll(2), 0
-    for none. `awaited` = 0: wait only for the other end."""
+    """Wait up to `within` s until there is something to read or the other end is closed. Return the events of poll(2),
+    0 for none. `awaited` = 0: wait only until the other end is closed."""
     poll = select.poll()
     poll.register(file, awaited)
     return next((events for _, events in poll.poll(within * 1e3)), 0)
@@ -194,7 +197,8 @@ INT = struct.Struct("i")
 
 
 def message_sockets(room: int) -> tuple[Socket, Socket]:
-    """Two ends of a connection for messages (unix(7), SOCK_SEQPACKET), with a buffer for this number of bytes."""
+    """Return two ends of a connection for messages (unix(7), SOCK_SEQPACKET), with a buffer for this number of
+    bytes."""
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in ends:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, room)
@@ -202,22 +206,22 @@ def message_sockets(room: int) -> tuple[Socket, Socket]:
 
 
 def socket_of(file: int) -> Socket:
-    """The socket of an inherited descriptor."""
+    """Return the socket of an inherited descriptor."""
     return socket.socket(fileno=file)
 
 
 def send_message(connection: Socket, data: bytes, files: Sequence[int] = ()) -> None:
-    """Send one message and hand over descriptors with it (SCM_RIGHTS). Never waits: OSError if there is no room for it.
-    (`socket.send_fds` and `recv_fds` drop their flags, up to Python 3.13: a call would wait for a peer whose buffer is
-    full, and started programs would inherit the received descriptors.)"""
+    """Send one message and hand over descriptors with it (SCM_RIGHTS). This function never waits: it raises OSError if
+    there is no room for the message. (`socket.send_fds` and `recv_fds` drop their flags, up to Python 3.13: a call
+    would wait for a peer whose buffer is full, and started programs would inherit the received descriptors.)"""
     rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, struct.pack(f"{len(files)}i", *files))] if files else []
     connection.sendmsg([data], rights, socket.MSG_DONTWAIT)
 
 
 def receive_message(connection: Socket, size: int, most: int) -> tuple[bytes, list[int]]:
     """Return the next message, of up to `size` bytes, and up to `most` descriptors that came with it. The receiver has
-    to close these, and no program that it starts inherits them. An empty message means that the peer has ended. Waits
-    as the socket does, so callers call `ready` first or set a timeout."""
+    to close the descriptors; no program that it starts inherits them. An empty message means that the peer has ended.
+    The function waits like the socket, so callers call `ready` first or set a timeout."""
     room = socket.CMSG_LEN(most * INT.size)
     data, rights, _, _ = connection.recvmsg(size, room, socket.MSG_CMSG_CLOEXEC)
     files = [
@@ -243,13 +247,14 @@ def take_name(name: bytes, kind: int) -> Socket:
 
 
 def listen(taken: Socket, backlog: int) -> None:
-    """Let `listener` accept connections to the socket's name for this process, at most this number at a time."""
+    """Listen at the socket's name, so that `listener` returns this process. At most this number of connections may
+    wait."""
     taken.listen(backlog)
 
 
 def listener(name: bytes) -> tuple[int, int] | None:
-    """Return the pid and user of the process that listened last at a name, or None if no process listens. Returns 0, 0
-    if it cannot be asked because too many others have asked. Never waits."""
+    """Return the pid and user of the process that listened last at a name, or None if no process listens. Return 0, 0
+    if the socket does not answer because too many connections wait. This function never waits."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.setblocking(False)
         try:
@@ -265,28 +270,29 @@ def listener(name: bytes) -> tuple[int, int] | None:
 # Clocks, sleep, timer -------------------------------------------------------------------------------------
 
 now = time.monotonic
-"""Time in s on a clock that nobody sets (CLOCK_MONOTONIC)."""
+"""Return the time in s on a clock that nobody sets (CLOCK_MONOTONIC)."""
 now_ns = time.monotonic_ns
-"""Time in ns on the clock of `now` (CLOCK_MONOTONIC)."""
+"""Return the time in ns on the clock of `now` (CLOCK_MONOTONIC)."""
 boottime_ns = (
     partial(time.clock_gettime_ns, getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
     if hasattr(time, "clock_gettime_ns")
     else time.monotonic_ns
 )
-"""Time in ns on a clock that continues while the computer is suspended (CLOCK_BOOTTIME), if the system has one."""
+"""Return the time in ns on a clock that continues while the computer is suspended (CLOCK_BOOTTIME), if the system has
+one."""
 processor_ns = time.thread_time_ns
-"""Time in ns for which this thread has run on a processor."""
+"""Return the time in ns for which this thread has run on a processor."""
 sleep = time.sleep
 """Sleep for a time in s."""
 TIMER_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 CLOCK_MONOTONIC, TIMER_ABSTIME = 1, 1
 TIMER_SPEC = struct.Struct("@4l")
-"""Packing of the interval and the first expiry, each in s and ns."""
+"""The packing of the interval and the first expiry, each in s and ns."""
 NS = 1_000_000_000
 
 
 def wall_time() -> float:
-    """Time in s since 1970 on the clock of the day, which people can set."""
+    """Return the time in s since 1970 on the clock of the day, which people can set."""
     return time.time()
 
 
@@ -297,8 +303,8 @@ def make_timer() -> int:
 
 
 def set_timer(file: int, first: int, interval: int) -> None:
-    """Let a timer expire at `first`, ns on the monotonic clock, and then every `interval` ns; at once if `first` has
-    passed. Raises OSError if the kernel refuses it."""
+    """Let a timer expire at `first`, ns on the monotonic clock, and then every `interval` ns. If `first` has passed,
+    the timer expires immediately. Raises OSError if the kernel refuses it."""
     spec = TIMER_SPEC.pack(*divmod(interval, NS), *divmod(first, NS))
     _checked(_libc().timerfd_settime(file, TIMER_ABSTIME, spec, None))
 
@@ -307,15 +313,15 @@ def set_timer(file: int, first: int, interval: int) -> None:
 
 Mutex = ctypes.c_char
 MUTEX_BYTES = 64
-"""Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
+"""The room for a pthread_mutex_t in bytes. It takes 40 on x86-64, 48 on AArch64."""
 PROCESS_SHARED = ROBUST = 1
 TRY_PAUSE = 0.001
-"""Time in s until a lock is tried again, on systems that cannot wait for it by the monotonic clock."""
+"""The time in s until a lock is tried again, on systems that cannot wait for a lock by the monotonic clock."""
 
 
 def make_mutex(memory: mmap, at: int) -> Mutex:
-    """Create a lock at this place of a memory that processes share; the place has room for `MUTEX_BYTES`. It reports
-    the death of a thread that holds it (pthread_mutexattr_setrobust(3))."""
+    """Create a lock at this place in memory that processes share; the place has room for `MUTEX_BYTES`. The lock
+    reports the death of a thread that holds it (pthread_mutexattr_setrobust(3))."""
     mutex, attributes = Mutex.from_buffer(memory, at), ctypes.create_string_buffer(MUTEX_BYTES)
     libc = _libc()
     libc.pthread_mutexattr_init(attributes)
@@ -326,8 +332,8 @@ def make_mutex(memory: mmap, at: int) -> Mutex:
 
 
 def lock_mutex(mutex: Mutex, within: float) -> int:
-    """Wait up to `within` s for a lock, by the monotonic clock. Return 0 if it is taken, EOWNERDEAD if it is taken and
-    its former holder has died, ETIMEDOUT if it is not taken. Raises OSError if waiting is impossible."""
+    """Wait up to `within` s for a lock, by the monotonic clock. Return 0 if the lock is taken, EOWNERDEAD if it is
+    taken and its former holder has died, ETIMEDOUT if it is not taken. Raises OSError if waiting is impossible."""
     answer = _lock(mutex, within)
     if answer == errno.EOWNERDEAD:
         _libc().pthread_mutex_consistent(ctypes.byref(mutex))
@@ -342,8 +348,8 @@ def unlock_mutex(mutex: Mutex) -> None:
 
 
 def lock_file(file: int | IO[bytes] | IO[str], *, shared: bool) -> bool:
-    """Lock an open file, if it is not locked by others (flock(2)). Return True if it is locked. Never waits. Raises
-    OSError if it cannot be locked at all."""
+    """Lock an open file, if no other process has locked it (flock(2)). Return True if it is locked now. This function
+    never waits. Raises OSError if the file cannot be locked at all."""
     try:
         fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""Checks that this process, and those that it starts, may open as many files as a run in real time needs."""
+"""A check that this process, and the processes that it starts, may open as many files as a run in real time needs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Callable
 from umo.errors import UmoError
 
 NEEDED = 64
-"""Number of descriptors for the processes of a run: each uses up to 50 (memory, locks, pipes, sockets of the others),
-beside those that its drivers open."""
+"""The number of descriptors for the processes of a run. Each process uses up to 50 (memory, locks, pipes, sockets of
+the other processes), in addition to those that its drivers open."""
 
 USUAL = 1024
 """The limit on open files on most systems."""
@@ -31,8 +31,8 @@ def _set(soft: int, hard: int) -> None:
 
 
 def ensure(limits: Callable[[], tuple[int, int]] = _limits, set_limits: Callable[[int, int], object] = _set) -> None:
-    """Let this process open as many files as a run needs. Raises TooFewDescriptors, with advice, if it is not permitted
-    to raise its limit that far. A limit below 0 means no limit."""
+    """Let this process open as many files as a run needs. Raises TooFewDescriptors, with advice, if the process is not
+    permitted to raise its limit so far. A limit below 0 means no limit."""
     soft, hard = limits()
     if soft < 0 or soft >= NEEDED:
         return

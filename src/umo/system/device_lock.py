@@ -1,8 +1,8 @@
-"""Holding devices: one process at a time uses a device, for all stations, wirings, programs and users.
+"""Locks on devices: among all stations, wirings, programs and users, one process at a time uses a device.
 
-On Linux a device is held by an abstract Unix socket of its name (unix(7)). Binding it is atomic and system-wide (within
-one network namespace), needs neither a folder nor a permission. The kernel removes the socket when the last process
-that has it ends, and it can name that process. On other systems no device is held: real time needs Linux.
+On Linux a device is held by an abstract Unix socket of its name (unix(7)). Binding the socket is atomic and system-wide
+(within one network namespace), and needs neither a folder nor a permission. The kernel removes the socket when the last
+process that has it ends, and can name this process. On other systems no device is held: real time needs Linux.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from umo.text import printable, time_of_day
 
 LINUX = sys.platform.startswith("linux")
 MAX_NAME_BYTES = 107
-"""Bytes of a socket's name."""
+"""The largest number of bytes of a socket's name."""
 BACKLOG = 4096
 SOCKET_TABLE = Path("/proc/net/unix")
 
 
 class DeviceLock:
-    """Devices held by this process and by every process that it forks from now on, until all of them have ended or
-    released them. Raises DeviceHeld, which names the owner of a device and the start time, if another process holds one
-    of them; then no device is held."""
+    """A lock on devices. This process, and every process that it forks from now on, holds the devices until all of
+    these processes have ended or released them. Raises DeviceHeld, which names the owner of a device and the start
+    time, if another process holds one of the devices; then this process holds none."""
 
     def __init__(self, devices: Iterable[str], purpose: str) -> None:
         self.devices = sorted(set(devices))
         self._told = f"{calls.wall_time():.0f} {printable(purpose).encode('ascii', 'replace').decode()}"
         self._sockets: list[calls.Socket] = []
-        """One for each device, until it is released."""
+        """One socket for each device, until the device is released."""
         self._notes: list[calls.Socket] = []
         if not LINUX:
             return
@@ -52,8 +52,8 @@ class DeviceLock:
                 sockets.pop().close()
 
     def used_here(self) -> None:
-        """Make `holder` return this process, which has inherited the devices: the kernel names the process that
-        listened last."""
+        """Make `holder` return this process, which has inherited the devices: the kernel names the process that has
+        called listen last."""
         with suppress(OSError):  # it is only told
             for device, taken in zip(self.devices, self._sockets, strict=False):
                 self._listen(device, taken)
@@ -80,8 +80,8 @@ def is_held(device: str) -> bool:
 
 
 def holder(device: str) -> str:
-    """Return the owner of a device, its purpose and start time, as far as the kernel knows them. For a machine with
-    several processes the pid that `umo show stations` shows. These texts may come from other users."""
+    """Return the owner of a device, its purpose and start time, if the kernel knows them. For a machine with several
+    processes, the owner is the pid that `umo show stations` shows. These texts may come from other users."""
     pid, uid = calls.listener(_name(device)) or (0, 0)
     if not pid:
         return "another process"

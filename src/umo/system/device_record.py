@@ -1,10 +1,9 @@
-"""The end of the last run on a device, recorded on disk: the record survives the processes and a restart of the
-computer.
+"""The record on disk of the end of the last run on a device. It survives the processes and a restart of the computer.
 
 A record with the state "running" is written before a device is used, and removed at a safe end. If there is a record
-while no process holds the device, the last run ended unsafely: the next run must acknowledge it. Each user has their
-own records. All users may read them, only the owner can change them. A record of another user, or one that cannot be
-read, is reported and can be acknowledged, but is not removed.
+while no process holds the device, the last run ended unsafely: the next run must acknowledge this. Each user has
+separate records. All users may read a record, only its owner can change it. A record of another user, or a record that
+cannot be read, is reported and can be acknowledged, but is not removed.
 """
 
 from __future__ import annotations
@@ -32,22 +31,22 @@ SUFFIX = ".json"
 INSPECT = (
     "inspect the machine, then start it with --acknowledge (acknowledge=True), or use `umo do STATION acknowledge`"
 )
-"""Advice after an unsafe end."""
+"""The advice after an unsafe end."""
 MAX_RECORD_BYTES = 1 << 20
 MAX_TEXT_LENGTH = 2000
-"""Largest number of bytes of a record, and characters of the text in it."""
+"""The largest number of bytes of a record, and of characters of a text in it."""
 STICKY_MODE = 0o1644
-"""Mode of a record: for the sticky bit systemd-tmpfiles leaves an old file alone (tmpfiles.d(5))."""
+"""The mode of a record. Because of the sticky bit, systemd-tmpfiles does not remove an old file (tmpfiles.d(5))."""
 
 
 def state_folder() -> Path:
-    """This user's folder for what outlives a run; Raises OSError if there is none."""
+    """Return this user's folder for data that outlive a run. Raises OSError if there is none."""
     return folders.own(folders.lasting(), 0o755)
 
 
 @dataclass
 class Ended:
-    """A record's content."""
+    """The content of a record."""
 
     device: str
     station: str
@@ -59,11 +58,11 @@ class Ended:
     what: str = ""
     unreached: list[str] = field(default_factory=list)
     id: str = ""
-    """Changes with each record."""
+    """A text that is different in each record."""
     seen: list[str] = field(default_factory=list)
     """Records of other users that the writer has acknowledged."""
     user: str = ""
-    """User who wrote the record, if it was another user."""
+    """The user who wrote the record, if it was another user."""
     mine: bool = True
     began: float = 0.0
     """Time at which the run took its devices, s since 1970."""
@@ -75,7 +74,7 @@ class Ended:
 
     @property
     def brief(self) -> str:
-        """Return one short line, the most important first: machine, actuators not reached, device, time."""
+        """A short line with the most important facts first: machine, actuators not reached, device, time."""
         name = f"{self.station} ({self.wiring})" if self.wiring else self.station
         if self.state not in ("running", "stopped"):
             return printable(f"{self.device}, whose last run ended in an unknown way")
@@ -110,9 +109,9 @@ class DeviceRecord:
         self._began = calls.wall_time()
         self._seen: dict[str, list[str]] = {}
         self._former: dict[str, Ended] = {}
-        """Records of this user that this run takes the place of."""
+        """The records of this user that the record of this run replaces."""
         self._elsewhere: list[Ended] = []
-        """Unsafe ends of the same launch, on devices of other names."""
+        """The unsafe ends of the same launch on devices with other names."""
 
     def begin(self, acknowledged: bool) -> None:
         """Record the start of a run. Raises AcknowledgeRequired if the last run on a device ended unsafely and was not
@@ -199,15 +198,15 @@ class DeviceRecord:
 
 
 def standing(device: str) -> list[Ended]:
-    """Return the unsafe ends of the last runs on a device: those of this user, and those of other users that were not
-    acknowledged yet."""
+    """Return the unsafe ends of the last runs on a device: the unsafe ends of this user, and those of other users that
+    were not acknowledged yet."""
     mine = _own(device)
     seen = [] if mine is None else mine.seen
     return [ended for ended in _all(_file(device)) if ended.state != "ended" and (ended.mine or ended.id not in seen)]
 
 
 def all_standing() -> list[Ended]:
-    """Return every record of every user without a safe end, also those of running machines."""
+    """Return every record of every user without a safe end, including the records of running machines."""
     return [ended for ended in _all(f"*{SUFFIX}") if ended.state != "ended"]
 
 
@@ -290,7 +289,8 @@ def _replace(path: Path, content: dict[str, Any]) -> None:
 
 class DeviceClaim:
     """The claim to the devices of a run, created before a driver is opened. Raises DeviceHeld, or AcknowledgeRequired
-    unless `acknowledge`. One of its methods ends it. If a process ends without that, its record shows an unsafe end.
+    unless `acknowledge` is given. Each method of the claim ends it. If a process ends before, its record shows an
+    unsafe end.
     """
 
     def __init__(
@@ -318,8 +318,8 @@ class DeviceClaim:
         self.hold.release()
 
     def stopped(self, what: str, unreached: list[str]) -> str:
-        """Note that the devices stand stopped until somebody acknowledges it. Return a text that says what could not be
-        recorded and gives advice; empty if no device was driven."""
+        """Note that the devices stand stopped until somebody acknowledges this. Return a text that says what could not
+        be recorded and gives advice; empty if no device was driven."""
         if not self._devices:
             return ""
         try:

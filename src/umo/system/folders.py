@@ -20,17 +20,18 @@ from umo.system import calls
 PREFIX = "umo-"
 MAX_FOLDERS = 100
 LASTING_PLACES = (Path("/var/tmp"), Path("/tmp"))
-"""Places for records that all users may read, and only their writer may change; the first is kept over a reboot."""
+"""The places for records that all users may read and only their writer may change. The first place survives a
+reboot."""
 STATE_VARIABLE = "UMO_STATE"
-"""Environment variable that names another place for what outlives a run, for containers and tests."""
+"""The environment variable that names another place for data that outlive a run, for containers and tests."""
 READABLE_MODE = 0o755
 """Mode of a folder that other users may read but not change."""
 
 
 def own(place: Path, mode: int = 0o700) -> Path:
-    """Return this user's folder in a place where others may write, made if there is none. Raises OSError if that is
-    impossible. Several uses may share the folder with different modes: other users may read it if any of the uses wants
-    that, and may never write to it.
+    """Return this user's folder in a place where other users may write. The folder is made if there is none. Raises
+    OSError if this is impossible. Several uses may share the folder with different modes: other users may read the
+    folder if any of the uses permits it, and may never write to it.
     """
     if not hasattr(os, "getuid"):
         path = place / f"{PREFIX}user"
@@ -50,8 +51,8 @@ def own(place: Path, mode: int = 0o700) -> Path:
 
 
 def checked(path: Path) -> Path:
-    """Return the folder that has this name, made if there is none. Raises OSError if it is a link, belongs to another
-    user, or is not a folder."""
+    """Return the folder with this name. It is made if there is none. Raises OSError if the name is that of a link,
+    belongs to another user, or is not a folder."""
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not is_own(path):
         raise PermissionError(errno.EACCES, "a link, or another user's folder", str(path))
@@ -69,7 +70,7 @@ def lasting() -> Path:
 
 
 def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """All users' folders in a place, by name, without links and files."""
+    """Return all users' folders in a place, by name, without links and files."""
     try:
         names = sorted(name for name in os.listdir(place) if name.startswith(PREFIX))
     except OSError:
@@ -85,8 +86,8 @@ def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def is_own(path: Path, is_kind: Callable[[int], bool] = stat.S_ISDIR) -> bool:
-    """True if this is a folder that belongs to this user, or a file of the given kind (such as `stat.S_ISSOCK`), and
-    not a link to one."""
+    """Return True if this is a folder that belongs to this user, or a file of the given kind (such as `stat.S_ISSOCK`),
+    and not a link to one."""
     try:
         status = path.lstat()
     except OSError:
@@ -95,10 +96,10 @@ def is_own(path: Path, is_kind: Callable[[int], bool] = stat.S_ISDIR) -> bool:
 
 
 def open_own(path: Path, *, follow: bool = False) -> int:
-    """Open a regular file of this user for reading. Raises OSError if it is anything else. `follow` allows a symbolic
-    link.
+    """Open a regular file of this user for reading. Raises OSError if the file is anything else. `follow` allows a
+    symbolic link.
 
-    The check is made on the opened file, not on the name, which may refer to another file in the meantime. A pipe does
+    The opened file is checked, not the name, because the name may refer to another file in the meantime. A pipe does
     not block the call.
     """
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
@@ -117,9 +118,9 @@ def open_own(path: Path, *, follow: bool = False) -> int:
 
 @contextmanager
 def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryIO]:
-    """Return a context that yields a file to write, which is written whole or not at all: it gets its name at the end
-    of the block. Raises OSError if that is impossible; then the earlier file stays. `to_disk`: the file also survives a
-    failure of the computer's power."""
+    """Return a context that yields a file to write. The file is written completely or not at all: it gets its name at
+    the end of the block. Raises OSError if this is impossible; then the earlier file remains. `to_disk`: the file must
+    also survive a power failure of the computer."""
     new = path.with_name(f".{path.name}.{os.getpid()}")
     calls.unlink(new)  # of a process that had this number before
     file = calls.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o600)
@@ -140,8 +141,8 @@ def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryI
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """A file to write by its path, whole or not at all, for code that opens the file itself. The path has the same
-    suffix. The umask decides who may read the file."""
+    """Return a context that yields the path of a file to write, for code that opens the file itself. The file is
+    written completely or not at all. The path has the same suffix. The umask decides who may read the file."""
     new = path.with_name(f".{os.getpid()}.{path.name}")
     calls.unlink(new)  # of a process that had this number before
     calls.close(calls.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666))
@@ -154,7 +155,7 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 def remove(path: Path) -> None:
-    """Remove a file, unless it is gone, or cannot be removed."""
+    """Remove a file, unless it does not exist or cannot be removed."""
     with suppress(OSError):
         calls.unlink(path)
 
@@ -169,7 +170,7 @@ def sync(folder: Path) -> None:
 
 
 def modified(path: Path) -> float:
-    """When a file was written last, s since 1970; 0 if it has just been removed."""
+    """Return the time in s since 1970 at which a file was written last; 0 if the file has just been removed."""
     try:
         return path.stat().st_mtime
     except OSError:
@@ -177,8 +178,8 @@ def modified(path: Path) -> float:
 
 
 def first_writable(places: Iterable[Path]) -> Path:
-    """Return the first of the places where this process may make a folder; if there is none, the one for temporary
-    files."""
+    """Return the first of the places in which this process may make a folder. If there is none, return the place for
+    temporary files."""
     for place in places:
         if place.is_dir() and os.access(place, os.W_OK | os.X_OK):
             return place

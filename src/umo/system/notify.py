@@ -1,8 +1,9 @@
 """The messages of a service to the service manager that started it (sd_notify(3)), without its library.
 
-A message is a datagram of lines `NAME=value` to the socket that the environment names. Where it names none, nothing is
-sent. Nothing here waits or raises: if the service manager does not read, messages are lost, but the machine is not held
-up. If it has no room for a message, the message is sent again at the next look.
+A message is a datagram of lines `NAME=value` to the socket that the environment names. If the environment names no
+socket, nothing is sent. Nothing here waits or raises an error: if the service manager does not read, messages are lost,
+but the machine is not delayed. If the service manager has no room for a message, the message is sent again at the next
+look.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ READY, STOPPING, ALIVE = "READY=1", "STOPPING=1", "WATCHDOG=1"
 
 
 class ServiceManager:
-    """Sends messages to a service manager. `address`: the socket's path, "@name" for an abstract one, or "" for no
-    manager. `watchdog`: time in s after which the manager ends a service that has given no sign of life; 0 means
-    never."""
+    """The service manager to which messages are sent. `address`: the path of the socket, "@name" for an abstract
+    socket, or "" for no manager. `watchdog`: the time in s after which the manager ends a service that has given no
+    heartbeat; 0 means never."""
 
     def __init__(self, address: str = "", watchdog: float = 0.0) -> None:
         self._address = b"\0" + os.fsencode(address[1:]) if address[:1] == "@" else address
@@ -34,8 +35,8 @@ class ServiceManager:
 
     @classmethod
     def of_environment(cls, environ: Mapping[str, str], pids: tuple[int, ...]) -> Self:
-        """Return the service manager that the environment variables name. Its watchdog is used if it is meant for one
-        of these processes."""
+        """Return the service manager that the environment variables name. The manager's watchdog is used if it is meant
+        for one of these processes."""
         for_whom, limit = environ.get(WATCHDOG_PID, ""), environ.get(WATCHDOG, "")
         ours = not for_whom or for_whom in map(str, pids)
         watchdog = int(limit) * 1e-6 if ours and limit.isascii() and limit.isdigit() else 0.0
@@ -47,8 +48,8 @@ class ServiceManager:
         return self._socket is not None
 
     def tell(self, *lines: str) -> bool:
-        """Send one message. Return False if the manager has no room for it now, as at a boot, when many services send
-        at once. Does nothing if it cannot be sent."""
+        """Send one message. Return False if the manager has no room for it now, such as at a boot, when many services
+        send simultaneously. Do nothing if the message cannot be sent."""
         try:
             if self._socket is not None:
                 self._socket.sendto("\n".join(lines).encode(), self._address)
@@ -60,12 +61,13 @@ class ServiceManager:
 
 
 def status(text: str) -> str:
-    """The line of a message that `systemctl status` shows."""
+    """Return the line of a message that `systemctl status` shows."""
     return f"STATUS={' '.join(text.split())[:MAX_STATUS_LENGTH]}"
 
 
 def without(environ: MutableMapping[str, str]) -> None:
-    """Remove the variables: other programs that this process starts do not speak for the service."""
+    """Remove the environment variables, because other programs that this process starts must not send messages for the
+    service."""
     for name in VARIABLES:
         environ.pop(name, None)
 

@@ -1,5 +1,5 @@
-"""Folders imported as packages: the modules of a station import one another by relative imports. Also lists the entry
-points that installed packages register."""
+"""Folders that are imported as packages, so that the modules of a station can import one another by relative imports;
+and the entry points that installed packages register."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ DISTRIBUTION = "umo-machines"
 
 
 def umo_version() -> str:
-    """The version of umo that is installed, such as `0.2.0`."""
+    """Return the version of umo that is installed, such as `0.2.0`."""
     from importlib.metadata import version  # a sixth of what importing umo took
 
     return version(DISTRIBUTION)
 
 
 def how_to_install(extra: str) -> str:
-    """The command that installs the packages of an extra. umo is not on a package index yet, so it names the clone."""
+    """Return the command that installs the packages of an extra. umo is not on a package index yet, so the command
+    names the clone."""
     return f'pip install ".[{extra}]" in the clone of umo'
 
 
 def package_of(folder: Path) -> str:
-    """The name under which a folder is imported as a package, wherever it lies and whatever it is called."""
+    """Return the name under which a folder is imported as a package, whatever its place and name."""
     folder = folder.resolve()
     if folder.parent == SHIPPED:
         return f"umo.stations.{folder.name}"
@@ -55,8 +56,8 @@ def station_of(file: Path) -> Path | None:
 
 
 def registered(group: str, name: str | None = None) -> list[EntryPoint]:
-    """Return the entry points that installed packages register in a group, or those of one name in the group, sorted.
-    None of them is imported."""
+    """Return the entry points that installed packages register in a group, or only those with one name, sorted. None of
+    them is imported."""
     from importlib.metadata import entry_points  # a sixth of what importing umo took
 
     return sorted(entry_points(group=group) if name is None else entry_points(group=group, name=name))

@@ -1,7 +1,7 @@
 """The account at the other end of a TCP connection on this computer, as the kernel knows it.
 
 An address proves nothing: a reverse proxy, a gateway or a broker on this computer also has a local address, and
-forwards requests of others. The kernel knows which user the process belongs to (Linux, /proc/net/tcp).
+forwards requests of other users. The kernel knows the user to whom the process belongs (Linux, /proc/net/tcp).
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ TABLES = Path("/proc/net")
 """Tables of the kernel: `tcp`, `tcp6`."""
 ESTABLISHED = "01"
 WORD = 4
-"""Size in bytes of the pieces in which the tables write an address."""
+"""The size in bytes of the words in which the tables write an address."""
 MAPPED = bytes(10) + b"\xff\xff"
 """Prefix of an IPv4 address of an IPv6 socket."""
 
 
 def peer_uid(peer: tuple[str, int], port: int) -> int | None:
     """Return the user (uid) whose process has a connection from `peer` (address, port) to `port` of this computer.
-    Returns None if the process is on another computer, the connection has ended, the kernel does not know, or several
-    users have such a connection (to other addresses of this computer).
+    Return None if the process is on another computer, the connection has ended, the kernel does not know the user, or
+    several users have such a connection (to other addresses of this computer).
     """
     try:
         address = ipaddress.ip_address(peer[0].partition("%")[0])
@@ -51,7 +51,7 @@ def account_of(uid: int) -> str:
 
 
 def is_own(connection: socket.socket | TransportSocket | None) -> bool:
-    """True if the process at the other end of a connection (TCP) belongs to this user."""
+    """Return True if the process at the other end of a connection (TCP) belongs to this user."""
     if connection is None:
         return False
     try:

@@ -1,7 +1,7 @@
-"""Other processes: whether they live, are stopped, or have ended; and the name of this one in lists of processes.
+"""The states of other processes (alive, stopped or ended), and the name of this process in lists of processes.
 
-This is the only module that sends signals to other processes and waits for children: a number alone is never enough.
-A process is ended, and waited for, by `ProcessHandle.end`.
+This is the only module that sends signals to other processes and waits for children. The number of a process alone is
+never sufficient to identify it. A process is ended, and waited for, by `ProcessHandle.end`.
 """
 
 from __future__ import annotations
@@ -21,29 +21,30 @@ from umo.system import calls
 from umo.text import printable
 
 HASH_SEED = "PYTHONHASHSEED"
-"""Environment variable of the order of sets of texts, which a process takes at its start."""
+"""The environment variable for the order of sets of strings, which a process reads at its start."""
 PR_SET_NAME = 15
 PARENT, FLAGS, START, PROCESSOR, PRIORITY = 1, 6, 19, 36, 37
-"""Places in proc_pid_stat(5), counted from the state: ppid, flags, starttime, processor, rt_priority."""
+"""The indices of fields in proc_pid_stat(5), counted from the state: ppid, flags, starttime, processor, rt_priority."""
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 KERNEL_THREAD, EXITING = 0x200000, 0x4
 """Flags of proc_pid_stat(5): PF_KTHREAD, PF_EXITING."""
 STOPPED, ENDED = "Tt", "ZX"
-"""States of processes that were stopped by a signal or a debugger, and of those that have ended."""
+"""The states of processes that were stopped by a signal or a debugger, and of processes that have ended."""
 SIGKILL_PENDING = re.compile(r"^S\w\wPnd:\t[0-9a-f]*[13579bdf][0-9a-f]{2}$", re.M)
 """A line of proc_pid_status(5), SigPnd or ShdPnd: the masks of pending signals, in which SIGKILL is the ninth bit."""
 LOOK_INTERVAL = 0.0005
-"""Time in s between two looks at another process."""
+"""The time in s between two checks of another process."""
 MAX_NAME_BYTES = 15
-"""Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
+"""The largest number of bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 
 
 class ProcessHandle:
     """A process, identified by a descriptor. Unlike a number, a descriptor never refers to another process later
     (pidfd_open(2), Linux 5.3). Without a descriptor, number and start time identify it.
 
-    Make it only while the number certainly belongs to the process: for this process, for a child that was not waited
-    for, or for the parent (`parent_of_this`); otherwise check it afterwards (`known`, `RunState.process`).
+    Make a handle only while the number certainly belongs to the process: for this process, for a child whose end was
+    not awaited yet, or for the parent (`parent_of_this`). In other cases check the process afterwards (`known`,
+    `RunState.process`).
     """
 
     def __init__(self, pid: int) -> None:
@@ -70,7 +71,7 @@ class ProcessHandle:
 
     @property
     def ended(self) -> bool:
-        """True if it has ended: its files and connections are closed then."""
+        """True if the process has ended; then its files and connections are closed."""
         if self._file >= 0:
             return bool(calls.ready(self._file, 0.0))
         fields = _stat(self.pid)
@@ -80,31 +81,31 @@ class ProcessHandle:
 
     @property
     def state(self) -> str:
-        """R, S, D, T, t, Z as in proc_pid_stat(5); X when it has ended."""
+        """The state of the process: R, S, D, T, t, Z as in proc_pid_stat(5); X if the process has ended."""
         found = state(self.pid)
         return "X" if self.ended else found
 
     @property
     def is_stopped(self) -> bool:
-        """True if it was stopped by a signal, or by a debugger."""
+        """True if the process was stopped by a signal or by a debugger."""
         return self.state in STOPPED
 
     @property
     def is_killed(self) -> bool:
-        """True if it is ending, or was killed and waits for a processor to end."""
+        """True if the process is ending, or was killed and waits for a processor to end."""
         fields = _stat(self.pid)
         ending = len(fields) > FLAGS and bool(int(fields[FLAGS]) & EXITING)
         return ending or SIGKILL_PENDING.search(_status(self.pid)) is not None or self.ended
 
     def end(self, within: float, meanwhile: Callable[[], object] = lambda: None) -> bool:
-        """Kill it, and wait up to `within` s for its end. Return False if it has not ended, because it is blocked in
-        the kernel. `meanwhile` is called between two looks."""
+        """Kill the process, and wait up to `within` s for its end. Return False if it has not ended, because it is
+        blocked in the kernel. `meanwhile` is called between two looks."""
         self.send(signal.SIGKILL)
         return wait_until(lambda: self.ended, within, meanwhile)
 
 
 class Child(ProcessHandle):
-    """A child of the process that makes this object. Only that process waits for the child (waitpid(2)); until then no
+    """A child of the process that makes this object. Only this process waits for the child (waitpid(2)); until then no
     other process gets the child's number. A process that inherits this object by a fork notices the end of the child
     too, but not its status."""
 
@@ -113,7 +114,7 @@ class Child(ProcessHandle):
         self.status: int | None = None
         """Status with which the child ended (waitpid(2)); None if it has not ended, or if the status is unknown."""
         self.was_stopped = False
-        """True if it was stopped by a signal when it was looked at."""
+        """True if the child was stopped by a signal at the last check."""
         self._waited = False
 
     def send(self, number: int) -> None:
@@ -125,7 +126,7 @@ class Child(ProcessHandle):
 
     @property
     def is_own(self) -> bool:
-        """True if this process waits for it."""
+        """True if this process waits for the child."""
         return self._maker == os.getpid()
 
     @property
@@ -163,13 +164,13 @@ def known(pid: int, text: str) -> ProcessHandle | None:
 
 
 def parent_of_this(pid: int) -> ProcessHandle | None:
-    """The process from which this one was forked, if it still lives."""
+    """Return the process from which this one was forked, if it still lives."""
     handle = ProcessHandle(pid)
     return handle if os.getppid() == pid else None
 
 
 def is_used(pid: int) -> bool:
-    """True if some process has this number. It may be another process than before, so do nothing to it."""
+    """Return True if some process has this number. It may be a process other than before, so do nothing to it."""
     try:
         calls.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -180,7 +181,7 @@ def is_used(pid: int) -> bool:
 
 
 def wait_for_any() -> bool:
-    """Release the children that have ended, also adopted ones. Returns whether there are others."""
+    """Release the children that have ended, including adopted ones. Return whether there are other children."""
     with suppress(ChildProcessError):
         while calls.wait(-1)[0]:
             pass
@@ -189,7 +190,7 @@ def wait_for_any() -> bool:
 
 
 def adjust_oom_score(change: int) -> None:
-    """Make the kernel take this process sooner, or (as far as permitted) later, when memory runs out: by thousandths of
+    """Make the kernel kill this process sooner or (if this is permitted) later when memory runs out, by thousandths of
     the memory (proc_pid_oom_score_adj(5))."""
     file = Path("/proc/self/oom_score_adj")
     with suppress(OSError, ValueError):
@@ -197,8 +198,8 @@ def adjust_oom_score(change: int) -> None:
 
 
 def carry_out(work: Callable[[], int]) -> NoReturn:
-    """Do the work of a process that was forked and end it with the status that the work gives, 1 after an error, which
-    is printed. Nothing of the process that it was forked from is run: no exit handlers, no callers."""
+    """Do the work of a forked process and end the process with the status that the work returns. After an error, which
+    is printed, the status is 1. No code of the original process is run: no exit handlers, no callers."""
     status = 1
     try:
         status = work()
@@ -211,19 +212,20 @@ def carry_out(work: Callable[[], int]) -> NoReturn:
 
 
 def flush() -> None:
-    """Write what was printed. To be called before a fork: otherwise the child would write it again."""
+    """Write the text that was printed and is still buffered. Call this before a fork; otherwise the child would write
+    the text again."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
 
 
 def state(pid: int) -> str:
-    """R, S, D, T, t, Z as in proc_pid_stat(5); X where there is no such process."""
+    """Return the state of a process: R, S, D, T, t, Z as in proc_pid_stat(5); X if there is no such process."""
     return (_stat(pid) or ["X"])[0]
 
 
 def parent_of(pid: int) -> int:
-    """The number of the parent of a process; 0 if there is no parent, or it is unknown."""
+    """Return the number of the parent of a process; 0 if there is no parent, or the parent is unknown."""
     fields = _stat(pid)
     return int(fields[PARENT]) if len(fields) > PARENT else 0
 
@@ -241,7 +243,7 @@ def start_of(pid: int) -> int:
 
 def identity(pid: int) -> str:
     """Return a text that identifies a process and that no other process has, not even one that gets its number later,
-    or after a restart of the computer; empty if there is no such process, or it is unknown."""
+    or after a restart of the computer; empty if there is no such process, or nothing is known about it."""
     with suppress(OSError):
         return f"{BOOT.read_text().strip()} {pid} {started}" if (started := _start_time(pid)) else ""
     return ""
@@ -249,7 +251,7 @@ def identity(pid: int) -> str:
 
 def running_on(cores: Collection[int], but: Collection[int]) -> int | None:
     """Return the process of the highest priority that now runs under SCHED_FIFO or SCHED_RR on one of these cores,
-    except processes of the kernel. `but`: processes that are ignored."""
+    except processes of the kernel. `but`: the processes to ignore."""
     found: list[tuple[int, int]] = []
     for pid in (int(name) for name in os.listdir("/proc") if name.isdigit()):
         fields = _stat(pid) if pid not in but else []

@@ -1,4 +1,4 @@
-"""Real-time settings of a process, as far as the operating system permits them, and a list of those refused."""
+"""The real-time settings of a process that the operating system permits, and a list of those that it refuses."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ MADV_WILLNEED, MADV_POPULATE_READ, MADV_POPULATE_WRITE = 3, 22, 23
 IDLE_BYTES = 16 << 20
 """Smallest size in bytes of an anonymous mapping that counts as a library's buffer."""
 IDLE_LIBRARIES = ("blas", "gfortran", "quadmath", "pydantic", "libcrypto", "libssl", "unicodedata", "_decimal")
-"""Parts of the names of libraries that no loop calls."""
+"""The parts of names that identify libraries that no loop calls."""
 LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
-"""Parts of the names of libraries of which a loop uses only a small part."""
+"""The parts of names that identify libraries of which a loop uses only a small part."""
 BUSY_WAIT = 200e-6
 """Time in s for waking up and cache warming (docs/decisions/0018)."""
 PR_SET_CHILD_SUBREAPER = 36
@@ -37,11 +37,11 @@ LIMITS = "/etc/security/limits.d/umo.conf, then a new login"
 ISOLATED = Path("/sys/devices/system/cpu/isolated")
 CORE_SOCKET_NAME = "umo core"
 MAX_PLACES = 16
-"""Largest number of places on a core."""
+"""The largest number of places on one core."""
 
 
 class Refusal(NamedTuple):
-    """A setting that was not permitted: what, why, and the line of configuration that permits it."""
+    """A setting that was not permitted: its name, the reason, and the line of configuration that permits it."""
 
     what: str
     why: str
@@ -53,7 +53,7 @@ class Refusal(NamedTuple):
 
 def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
     """Freeze the garbage collector and switch it off, lock the memory, set SCHED_FIFO at `priority` (1 to 99), and
-    reserve a core. Return what was refused.
+    reserve a core. Return the settings that were refused.
 
     Without `cpu` the process is pinned only under SCHED_FIFO, to an isolated core or else to the last one: under
     another policy it could not avoid a busy process on that core. Never raises."""
@@ -70,8 +70,9 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
 
 
 def granted() -> tuple[int, int | None]:
-    """Return the settings of this process: its priority under SCHED_FIFO, or 0 without SCHED_FIFO; and its core if it
-    is pinned to one and its parent is not pinned to the same one, otherwise None."""
+    """Return the settings of this process. The first is its priority under SCHED_FIFO, or 0 without SCHED_FIFO. The
+    second is its core if the process is pinned to one core and its parent is not pinned to the same core, otherwise
+    None."""
     if not sys.platform.startswith("linux"):
         return 0, None
     fifo = os.sched_getscheduler(0) == getattr(os, "SCHED_FIFO", None)
@@ -93,15 +94,16 @@ def default_busy_wait(period: float) -> float:
 
 
 def prepare_guardian(priority: int, cpu: int | None = None) -> None:
-    """Set the guardian's priority one above the control process, so that an endless loop there cannot block it, and
-    keep it off the core that `prepare` takes with the same arguments. Both as far as the operating system permits."""
+    """Set the guardian's priority one above the control process, so that an endless loop there cannot block the
+    guardian, and keep the guardian off the core that `prepare` takes with the same arguments. Both are done only if the
+    operating system permits them."""
     if not sys.platform.startswith("linux"):
         return
     leave_core(choose_core(cpu, use_fifo(priority + 1) is None))
 
 
 def leave_core(core: int | None) -> None:
-    """Run only on other cores than this one, if there are some and the operating system permits it. With None nothing
+    """Run only on cores other than this one, if there are any and the operating system permits this. With None nothing
     changes."""
     allowed = os.sched_getaffinity(0) if sys.platform.startswith("linux") else set()
     if core in allowed and len(allowed) > 1:
@@ -115,7 +117,7 @@ def adopt_orphans(yes: bool) -> None:
 
 
 def drop_realtime(niceness: int = 10) -> None:
-    """Make this an ordinary process again, for work of the guardian's children that can wait."""
+    """Make this process an ordinary process again, for work of the guardian's children that is not urgent."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         os.nice(niceness)
@@ -124,7 +126,7 @@ def drop_realtime(niceness: int = 10) -> None:
 def lock_memory() -> Refusal | None:
     """Lock all memory of this process, so that no page is removed or first used in the loop (mlockall(2)).
 
-    Only if there is no limit: with a limit a later allocation would fail."""
+    The memory is locked only if there is no limit, because with a limit a later allocation would fail."""
     what = "memory is not locked"
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if limit != resource.RLIM_INFINITY and not _capable(CAP_IPC_LOCK):
@@ -141,8 +143,8 @@ def lock_memory() -> Refusal | None:
 def touch_memory(libc: ctypes.CDLL) -> bool:
     """Touch all memory of this process except the idle part: the buffers and code of numpy's linear algebra and of the
     modules that only read wirings, 70 MB that no loop needs; and code of numpy and the C++ library that has not run
-    yet, 10 MB: that code is read from the disk, and its first use in the loop is a page fault, 4 us for 16 pages.
-    Return False if the kernel cannot do this (madvise(2), Linux 5.14); then lock everything."""
+    yet, 10 MB: this code is read from the disk, and its first use in the loop is a page fault, which takes 4 us for 16
+    pages. Return False if the kernel cannot do this (madvise(2), Linux 5.14); then lock everything."""
     touched = False
     for line in Path("/proc/self/maps").read_text().splitlines():
         words = line.split()
@@ -163,7 +165,7 @@ def touch_memory(libc: ctypes.CDLL) -> bool:
 
 
 def use_fifo(priority: int) -> Refusal | None:
-    """Run this process with precedence over every ordinary process (sched(7), SCHED_FIFO)."""
+    """Give this process precedence over every ordinary process (sched(7), SCHED_FIFO)."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
@@ -187,8 +189,8 @@ def pin(cpu: int | None, fifo: bool) -> Refusal | None:
 
 
 def choose_core(cpu: int | None, fifo: bool) -> int | None:
-    """Return the requested core; without a request, under SCHED_FIFO and with more than one core allowed, an isolated
-    one or the last."""
+    """Return the requested core. Without a request, under SCHED_FIFO and if more than one core is allowed, return an
+    isolated core or else the last one."""
     allowed = sorted(os.sched_getaffinity(0))
     if cpu is not None or not fifo or len(allowed) < 2:
         return cpu
@@ -197,7 +199,7 @@ def choose_core(cpu: int | None, fifo: bool) -> int | None:
 
 
 def isolated_cores() -> list[int]:
-    """The cores that the kernel keeps free (isolcpus=)."""
+    """Return the cores that the kernel keeps free (isolcpus=)."""
     cores: list[int] = []
     with suppress(OSError, ValueError):
         for part in filter(None, ISOLATED.read_text().strip().split(",")):
@@ -215,12 +217,12 @@ def _capable(capability: int) -> bool:
 
 class CorePlace:
     """A place on the core with the fewest other places, or on `cpu`, for the control process that the calling process
-    starts. It is taken like a device (`device_lock`), by an abstract Unix socket with its name: atomically, among all
-    users, and the kernel releases it at the latest when the last process that has it ends."""
+    starts. A place is taken like a device (`device_lock`), by an abstract Unix socket with its name: atomically and
+    among all users. The kernel releases the place at the latest when the last process that has it ends."""
 
     def __init__(self, cpu: int | None = None) -> None:
         self.core: int | None = cpu
-        """The core; None if no core is reserved, as there is only one."""
+        """The core; None if no core is reserved, because there is only one."""
         self._socket: calls.Socket | None = None
         for core, number in _places(cpu):
             with suppress(OSError):
@@ -229,7 +231,7 @@ class CorePlace:
                 return
 
     def release(self) -> None:
-        """Release the place. (A forked process keeps it until it ends or releases it too.)"""
+        """Release the place. A forked process keeps the place until it ends or releases the place, too."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -1,9 +1,10 @@
-"""Records in memory that processes share: the other processes read each record either whole or not at all.
+"""Records in memory that processes share. Other processes read each record either completely or not at all.
 
-Neither Python nor numpy has memory barriers. On processors that show stores to others in another order than that of the
-program (ARM), a number that says "complete" may be seen before what it completes. So each record carries its number and
-a checksum (CRC-32) over number and content: a reader checks the copy that it has made, in whatever order it saw the
-stores. A writer that is killed or stopped during a write leaves an incomplete record.
+Neither Python nor numpy has memory barriers. On some processors (ARM) other processes may see stores in an order that
+differs from that of the program. So they may see a number that says "complete" before they see the data. Therefore each
+record has its number and a checksum (CRC-32) over number and content. With the checksum a reader checks its copy,
+whatever the order in which it saw the stores. If a writer is killed or stopped during a write, the record remains
+incomplete.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 
 MASK = (1 << 64) - 1
 HEAD = struct.Struct("<QQQ")
-"""Number of the record, size of its content in bytes, checksum."""
+"""The head of a record: its number, the size of its content in bytes, the checksum."""
 
 
 def checksum(content: bytes | memoryview, number: int) -> int:
@@ -24,8 +25,8 @@ def checksum(content: bytes | memoryview, number: int) -> int:
 
 
 class SharedText:
-    """Bytes at one place of a shared memory, with room for `room` bytes together with their head. Memory that cannot be
-    written, such as that of a file, is only read."""
+    """A text at one place in shared memory. `room`: the size of the place in bytes, including the head of the record.
+    Memory that cannot be written, such as that of a file, is only read."""
 
     def __init__(self, memory: mmap | bytearray | bytes, at: int, room: int) -> None:
         self._memory: Any = memory
@@ -40,7 +41,7 @@ class SharedText:
         self._memory[self._at : start] = HEAD.pack(number, len(text), checksum(text, number))
 
     def get(self) -> tuple[int, bytes] | None:
-        """Return the text and its number; None while none is complete."""
+        """Return the text and its number; None while no record is complete."""
         start = self._at + HEAD.size
         number, size, proof = HEAD.unpack(bytes(self._memory[self._at : start]))
         if not proof or size > self._most:

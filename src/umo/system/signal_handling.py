@@ -17,7 +17,7 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.S
 
 
 def signal_name(number: int) -> str:
-    """The name of a signal, such as SIGTERM."""
+    """Return the name of a signal, such as SIGTERM."""
     try:
         return signal.Signals(number).name
     except ValueError:  # the real-time signals have numbers alone
@@ -26,8 +26,8 @@ def signal_name(number: int) -> str:
 
 @contextmanager
 def handling(handler: Handler, numbers: Iterable[int]) -> Iterator[None]:
-    """Have this handler called for each of these signals in the block; with `signal.SIG_IGN` they are ignored. Works
-    only in the main thread: Python raises ValueError in any other."""
+    """Return a context in which this handler is called for each of these signals; with `signal.SIG_IGN` they are
+    ignored. In a thread other than the main thread, Python raises ValueError."""
     before = {number: calls.handle_signal(number, handler) for number in numbers}
     try:
         yield

@@ -1,12 +1,12 @@
-"""Keeps stdout and stderr from ending a run or holding it up.
+"""Protection of a run against stdout and stderr, which must neither end nor delay it.
 
 If the reader ends, the disk is full or a stream is closed, Python would raise BrokenPipeError or OSError from any
-print, also from one in control code. Here the text is dropped without an exception.
+print, even from a print in control code. With this module the text is dropped without an exception.
 
-Only commands that hold no machine wait without a limit for a full pipe, a stopped terminal or a slow journal: its
-reader may be a pager. A loop in real time never waits, nor does a guardian: text that was not accepted is kept in
-bounded memory; what exceeds this memory is dropped and counted. Every other process that holds a machine or serves
-others waits for a limited time.
+Only commands that hold no machine wait without a limit for a full pipe, a stopped terminal or a slow journal, because
+the reader may be a pager. A loop in real time and a guardian never wait: text that was not accepted is kept in limited
+memory; text that exceeds this memory is dropped, and the dropped lines are counted. Every other process that holds a
+machine or serves other processes waits for a limited time.
 """
 
 from __future__ import annotations
@@ -26,18 +26,19 @@ from time import monotonic, sleep
 from typing import Any, TextIO
 
 CLEAR_LINE = "\r\x1b[2K"
-"""Text that clears the line of a terminal, which may show the progress of a run."""
+"""The text that clears the line of a terminal, because the line may show the progress of a run."""
 
 
 MAX_WAITING = 1 << 18
 """Largest number of bytes that wait for a slow reader."""
 READER_TIMEOUT = 10.0
-"""Time in s for which a command that holds a machine waits, once for each stream, for a reader that accepts nothing."""
+"""The time in s for which a command that holds a machine waits for a reader that accepts nothing, once for each
+stream."""
 RETRY_PAUSE = 0.001
-"""Time in s to the next try if a stream was ready but accepted nothing."""
+"""The time in s until the next attempt if a stream was ready but accepted nothing."""
 MAX_LINE = 3000
-"""Largest number of bytes of a line of the log: a pipe accepts this amount completely or not at all (PIPE_BUF is
-4096)."""
+"""Largest number of bytes of a line of the log: a pipe accepts a line of at most this size either completely or not at
+all (PIPE_BUF is 4096)."""
 
 
 class _Stream(io.FileIO):
@@ -166,15 +167,15 @@ def _sender(number: int) -> tuple[Callable[[bytes], int], Callable[[], None]]:
 
 
 def is_ready(number: int, timeout: float = 0.0) -> bool:
-    """True if a descriptor accepts some bytes immediately, or within a time in s."""
+    """Return True if a descriptor accepts some bytes immediately, or within a time in s."""
     poll = select.poll()
     poll.register(number, select.POLLOUT)
     return bool(poll.poll(None if timeout == inf else timeout * 1e3))
 
 
 def never_wait() -> None:
-    """Let stdout and stderr of this process drop text that is not accepted in time: for a loop in real time, and a
-    guardian."""
+    """Let stdout and stderr of this process drop text that is not accepted in time. Use this for a loop in real time
+    and for a guardian."""
     if _raw(sys.stdout) is None or _raw(sys.stderr) is None:
         keep_open()
         log_on_lines()
@@ -183,7 +184,7 @@ def never_wait() -> None:
 
 def limit_waits(patience: float | None = None) -> None:
     """Let writes to stdout and stderr wait this time in s (None: `READER_TIMEOUT`) for a reader that accepts nothing,
-    if `keep_open` has made these streams. For processes that run a machine or serve others."""
+    if `keep_open` has made these streams. Use this for processes that run a machine or serve other processes."""
     for stream in (sys.stdout, sys.stderr):
         if (raw := _raw(stream)) is not None:
             with suppress(OSError, ValueError):
@@ -194,7 +195,7 @@ def limit_waits(patience: float | None = None) -> None:
 @contextmanager
 def without_waiting() -> Iterator[None]:
     """Return a context in which no write waits for its reader. Text that was not accepted is sent after the context,
-    within the time set before."""
+    within the time that was set before."""
     before = [(raw, raw.patience) for raw in map(_raw, (sys.stdout, sys.stderr)) if raw is not None]
     limit_waits(0.0)
     try:
@@ -206,8 +207,8 @@ def without_waiting() -> Iterator[None]:
 
 
 def send_waiting() -> int:
-    """Send the waiting text as far as it is accepted now or in time. Returns the number of lines that were lost without
-    a notice."""
+    """Send the waiting text that is accepted now or in time. Return the number of lines that were lost without a
+    notice."""
     return sum(_send_waiting(stream) for stream in (sys.stdout, sys.stderr))
 
 
@@ -240,8 +241,8 @@ _unlogged = 0
 
 
 def log_without_waiting(log: logging.Logger, line: str) -> None:
-    """Log a warning, unless this would have to wait for a handler's stream: then the warning is dropped, and the next
-    accepted one contains the number of dropped warnings."""
+    """Log a warning, unless this would have to wait for a handler's stream. In this case the warning is dropped, and
+    the next accepted warning contains the number of dropped warnings."""
     global _unlogged
     if any(_would_wait(getattr(handler, "stream", None)) for handler in _handlers(log)):
         _unlogged += 1
@@ -274,8 +275,8 @@ def _would_wait(stream: Any) -> bool:
 
 
 def keep_open() -> None:
-    """Keep stdout and stderr of this process open. A closed descriptor from 0 to 2 is opened on /dev/null: otherwise
-    the next file or connection would get its number, and with it the printed text."""
+    """Keep stdout and stderr of this process open. A closed descriptor from 0 to 2 is opened on /dev/null, because
+    otherwise the next file or connection would get its number, and then the printed text."""
     with suppress(OSError):
         while (file := os.open(os.devnull, os.O_RDWR)) <= 2:
             os.set_inheritable(file, True)
@@ -285,7 +286,7 @@ def keep_open() -> None:
 
 
 def say_without_waiting(text: str) -> None:
-    """Write a line to stderr if it is accepted at once: nothing waits for a stopped terminal or a pipe without a
+    """Write a line to stderr if it is accepted immediately. Nothing waits for a stopped terminal or a pipe without a
     reader."""
     with suppress(OSError):
         send, let_go = _sender(2)
@@ -297,7 +298,7 @@ def say_without_waiting(text: str) -> None:
 
 
 def log_on_lines() -> None:
-    """Make log messages that no handler takes begin on a new line, as the current one may show the progress of a
+    """Make log messages that no handler takes begin on a new line, because the current line may show the progress of a
     run."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setLevel(logging.WARNING)

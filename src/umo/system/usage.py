@@ -16,7 +16,8 @@ SCHEDSTAT = "/proc/thread-self/schedstat"
 
 
 class Usage:
-    """Counts since it was made: the nine numbers of `layout.USAGE`; numbers that a platform does not have stay 0."""
+    """The counts since the object was made: the nine numbers of `layout.USAGE`. Numbers that a platform does not have
+    stay 0."""
 
     def __init__(self) -> None:
         self._thread = getattr(resource, "RUSAGE_THREAD", None)
@@ -25,7 +26,7 @@ class Usage:
         except OSError:
             self._file = -1
         self.collections = 0
-        """Runs of the garbage collector so far."""
+        """The number of runs of the garbage collector so far."""
         self._collecting = 0
         self._began = 0
         gc.callbacks.append(self._collected)
@@ -37,7 +38,7 @@ class Usage:
             self._file = -1
 
     def read(self) -> tuple[int, ...]:
-        """Return the counts so far. Takes about 2 us."""
+        """Return the counts so far. This takes about 2 us."""
         minor = major = voluntary = involuntary = kernel = running = waiting = 0
         if self._thread is not None:
             used = resource.getrusage(self._thread)

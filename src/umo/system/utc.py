@@ -1,4 +1,4 @@
-"""UTC of this computer against its monotonic clock, and its greatest error."""
+"""The difference between UTC and the monotonic clock on this computer, and its greatest error."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from time import monotonic_ns, time_ns
 from typing import Any
 
 UNKNOWN = -1
-"""Error in ns that stands for a clock that is not synchronised, or for a platform that does not report an error."""
+"""The value in place of an error in ns for a clock that is not synchronised, and for a platform that does not report an
+error."""
 UNSYNCHRONISED = 0x40
 """STA_UNSYNC of `status` (adjtimex(2))."""
 
@@ -30,7 +31,7 @@ class _Timex(ctypes.Structure):
 
 def utc() -> tuple[int, int]:
     """Return the number of ns to add to CLOCK_MONOTONIC to get UTC since 1970, and the greatest error of the sum in ns
-    according to the kernel; `UNKNOWN` if the kernel does not state it."""
+    according to the kernel; `UNKNOWN` if the kernel does not state the error."""
     before, now, after = monotonic_ns(), time_ns(), monotonic_ns()
     error = _error()
     return now - (before + after) // 2, error if error == UNKNOWN else error + (after - before + 1) // 2

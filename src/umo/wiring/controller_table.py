@@ -18,7 +18,7 @@ ON_CONTROLLER = "take_part"
 
 
 def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str, Atomic]) -> dict[str, str]:
-    """Return the controller of each part, by path. Objects of the part without a line of their own get one."""
+    """Return the controller of each part, by path. Objects of the part that have no line in `[wire]` get one."""
     parts = {node._path: node for node in walk(root) if isinstance(node, Compound)}
     found: dict[str, str] = {}
     for path, table in source.controllers.items():
@@ -44,7 +44,7 @@ def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str
 def check_controllers(
     source: WiringSource, controllers: Mapping[str, str], drivers: Mapping[str, Driver[Any]], wires: list[Wire]
 ) -> None:
-    """Check that each controller has the objects of its part and no others."""
+    """Check that each controller has the objects of its part and no other objects."""
     for path, name in controllers.items():
         driver = drivers.get(name)
         if driver is None:

@@ -1,4 +1,4 @@
-"""Injected faults bound to the wires of a machine: their amounts in raw integers."""
+"""The binding of injected faults to the wires of a machine, with amounts in raw integers."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from umo.wiring.wired import Wire
 
 _AMOUNT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 MAX_AMOUNT = 1e30
-"""Largest amount of a fault; calculations with it do not overflow."""
+"""The largest amount of a fault. Calculations with this amount do not overflow."""
 SHARES = {"noise": 10.0, "drop-out": 50.0}
 """Default shares of the faults, in percent."""
 PARTS = {"noise": 0.01, "drift": 0.01, "out of range": 0.1}
-"""Default amounts of the faults, as parts of the object's range; for a drift, per second."""
+"""The default amounts of the faults, as shares of the object's range; for a drift, per second."""
 
 
 def inject(
@@ -41,7 +41,7 @@ def inject(
     report: Callable[[int, str, str], None],
 ) -> Injection:
     """Put the faults between the machine and its drivers; `report` is called with the number, text and reason of each
-    wrong fault. `drivers` are by name. `Injection.drivers` has the affected drivers.
+    wrong fault. `drivers`: the drivers by name. `Injection.drivers` of the result has the affected drivers.
     """
     texts: list[str] = []
     by_driver: dict[int, list[Effect]] = {}

@@ -1,4 +1,4 @@
-"""The keys that any driver's table may have, and a driver off the cycle."""
+"""The keys that the table of any driver may have, and the drivers off the cycle."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ OWN = names_of(DriverTable)
 
 
 def driver_table(source: WiringSource, name: str, table: Mapping[str, Any]) -> DriverTable:
-    """Return the settings in the table of a driver that every driver may have. Wrong and contradictory keys become
-    mistakes."""
+    """Return the settings in the table of a driver that every driver may have. Wrong and contradictory keys are added
+    to the mistakes."""
     given = {key: table[key] for key in OWN if key in table}
     if not given:
         return DriverTable()
@@ -96,7 +96,8 @@ def _meet(proxy: OffCycle, wires: Sequence[Wire]) -> None:
 def check_shared_devices(
     source: WiringSource, drivers: Mapping[str, Driver[Any]], hardware: Mapping[str, Sequence[str]]
 ) -> None:
-    """Check that only one process uses a device: the drivers that share one must all be off the cycle, or none."""
+    """Check that only one process uses a device: either all drivers that share a device must be off the cycle, or none
+    of them."""
     for device in {device for devices in hardware.values() for device in devices}:
         sharing = [name for name, devices in hardware.items() if device in devices]
         off = [name for name in sharing if isinstance(drivers.get(name), OffCycle)]

@@ -1,4 +1,4 @@
-"""The arguments of a user's function, made of plain data."""
+"""The arguments of a user's function, made from plain data."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from umo.signature import is_converted, parameters_of
 
 
 def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, Any], skip: int = 0) -> dict[str, Any]:
-    """Return the options that the function takes; a text is converted to the Enum or Path of its parameter. Raises
-    OptionError for a text that cannot be converted or is not a choice of a Literal, and for a missing value of a
-    parameter without a default. Numbers and texts are passed on as they are."""
+    """Return the options that the function takes. A string is converted to the Enum or Path of its parameter. Raises
+    OptionError for a string that cannot be converted or is not a choice of a Literal, and for a missing value of a
+    parameter without a default. Other numbers and strings are passed on unchanged."""
     parameters = parameters_of(function, skip)
     for name, parameter in parameters.items():
         if parameter.default is parameter.empty and name not in given:

@@ -1,4 +1,4 @@
-"""Patterns in a wiring: one line for many like objects.
+"""Patterns in a wiring: one line for many similar objects.
 
     "zones.*.heater" = { driver = "box", channel = "holding:{}", start = 1, stride = 4, offset = 100 }
     "zones.*.gain" = 2.0
@@ -29,9 +29,9 @@ V = TypeVar("V")
 
 
 def chosen(known: Sequence[str], wanted: Iterable[str], where: str) -> list[int]:
-    """Return the places of the selected paths: paths of objects or compounds, or patterns for them (`zones.*.heater`).
-    Each place appears once, in the order of the selection; without a selection, all places. Raises PathError for a path
-    without an object."""
+    """Return the indices of the selected paths. A selection names objects or compounds by paths or patterns
+    (`zones.*.heater`). Each index appears once, in the order of the selection. Without a selection, all indices are
+    returned. Raises PathError for a path without an object."""
     places: dict[int, None] = {}
     for path in wanted:
         found = places_below(path, known)
@@ -43,8 +43,8 @@ def chosen(known: Sequence[str], wanted: Iterable[str], where: str) -> list[int]
 
 
 def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
-    """Replace every pattern among the entries by an entry for each object that matches. Return also the pattern of each
-    path. The paths of refused entries are expanded too."""
+    """Replace every pattern among the entries by an entry for each object that matches. Also return the pattern of each
+    path. The paths of refused entries are expanded, too."""
     paths = list(paths)
     patterns = {path: source.entries.pop(path) for path in list(source.entries) if is_pattern(path)}
     singles = source.entries.keys() | source.refused
@@ -60,8 +60,8 @@ def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
 
 
 def expand_parameters(source: WiringSource, known: Iterable[str]) -> dict[str, list[tuple[str, Any]]]:
-    """Return the names, each with its value, that each line of the parameters sets. A pattern sets the matching names
-    that have no line of their own."""
+    """Return for each line of the parameters the names that it sets, each with its value. A pattern sets the matching
+    names that no other line names directly."""
     given = source.parameters
     patterns = list(filter(is_pattern, given))
     allotted = _allotted(source, patterns, list(known), given, "parameters.{!r}", "there is no such parameter", "set")
@@ -99,8 +99,8 @@ def _allotted(
 
 
 def collapsed(mistakes: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mistake]:
-    """Return the mistakes of the entries made from patterns, each under the key of the pattern; equal mistakes become
-    one."""
+    """Return the mistakes of the entries that were made from patterns, each under the key of the pattern. Equal
+    mistakes are returned once."""
     grouped: dict[tuple[str, str], list[Mistake]] = {}
     for mistake in mistakes:
         found = re.fullmatch(r'wire\."(.*)"(.*)', mistake.key)  # such as `wire."z.motor".channel`
@@ -130,12 +130,13 @@ def _numbered(entry: Entry, number: int) -> Entry:
 
 
 def places_below(path: str, names: Iterable[str]) -> list[int]:
-    """Return the places of the names that equal the path or lie in the compound at the path, which may be a pattern."""
+    """Return the indices of the names that equal the path or lie in the compound at the path. The path may be a
+    pattern."""
     parts = ("[^.]*" if part == ANY else re.escape(part) for part in path.split("."))
     is_below = re.compile(r"\.".join(parts) + r"(?:\.|\Z)").match
     return [place for place, name in enumerate(names) if is_below(name)]
 
 
 def counted(message: str, more: int) -> str:
-    """Return a message that represents several of its kind."""
+    """Return a message that stands for several messages of its kind."""
     return message if not more else f"{message} (and {more} more)"

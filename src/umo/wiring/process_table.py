@@ -14,7 +14,7 @@ from umo.wiring.source import WiringSource
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
 
 HANG_PERIODS = 20
-"""Default number of periods without a finished period after which a process counts as hanging."""
+"""The default time after which a process counts as hanging if no period has ended, in periods."""
 AUTO = "auto"
 
 
@@ -84,7 +84,7 @@ def _check_busy_wait(source: WiringSource, busy_wait: float | None, wired: Wired
 
 
 def remarks(wired: Wired) -> list[str]:
-    """Return remarks on permitted settings that have a cost."""
+    """Return remarks on permitted settings that have disadvantages."""
     period = f"a period takes up to {duration(longest_period(wired))}, and so does a stop"
     costs = f"{period}; a process that hangs is found after {duration(wired.process.hang_timeout)}"
     most = duration(MAX_DEFAULT_TIMEOUT)
@@ -98,7 +98,7 @@ def remarks(wired: Wired) -> list[str]:
 
 def longest_period(wired: Wired) -> float:
     """Return the longest duration of a period in s, for the case that every call of a driver times out: a block
-    transfer for each driver and direction, also for each part with a rate of its own, and a call for each asynchronous
+    transfer for each driver and direction, also for each part with another rate, and a call for each asynchronous
     object. No period waits for a driver off the cycle."""
     calls = {
         (

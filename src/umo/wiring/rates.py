@@ -1,7 +1,7 @@
 """Rates: the parts of a machine that run at a multiple of its period (the class keyword `every`).
 
-Each part is given a phase, the number of the period in which it runs first, so that as few parts as possible run in the
-same period.
+Each part gets a phase, the number of the period in which the part runs first. The phases are chosen so that as few
+parts as possible run in the same period.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from umo.duration import duration, seconds
 from umo.objects import Compound, Node, atoms
 
 MACHINE_RATE = -1
-"""Stands for the number of a part if something runs at the machine's own rate."""
+"""The value in place of a part's number for an object that runs at the machine's rate."""
 MAX_PHASES = 1000
-"""Largest number of phases among which one is chosen."""
+"""The largest number of phases from which one is chosen."""
 TOLERANCE = 1e-6
 """Permitted deviation of a period from a multiple, as a share of the period."""
 
 
 class Rate(NamedTuple):
-    """A part of a machine that has a rate of its own."""
+    """The rate of a part of a machine that does not have the machine's rate."""
 
     part: Compound
     every: int
-    """Number of the machine's periods in one period of the part. 1 means that the part lies in another one with its own
-    rate."""
+    """Number of the machine's periods in one period of the part. 1 means that the part lies in another part with
+    another rate."""
     phase: int
-    """Number of the first period in which it is due, from 0 to below `every`."""
+    """The number of the first period in which the part is due, from 0 to below `every`."""
 
 
 class RateMap(tuple[Rate, ...]):
-    """The parts with rates of their own, the fastest first, and the part in which each object lies."""
+    """The parts that do not have the machine's rate, the fastest first, and the part in which each object lies."""
 
     @cached_property
     def _numbers(self) -> dict[int, int]:
         return {id(rate.part): number for number, rate in enumerate(self)}
 
     def number(self, node: Node | None) -> int:
-        """The part's number; `MACHINE_RATE` if the object runs at the machine's own rate."""
+        """Return the part's number; `MACHINE_RATE` if the object runs at the machine's rate."""
         while node is not None:
             if (number := self._numbers.get(id(node))) is not None:
                 return number if self[number].every > 1 else MACHINE_RATE
@@ -56,12 +56,12 @@ class RateMap(tuple[Rate, ...]):
 
 
 NO_RATES = RateMap()
-"""The rates of a machine whose parts all run at its own rate."""
+"""The rates of a machine whose parts all run at the machine's rate."""
 
 
 def rates_of(root: Compound, period: float | None, mistake: Callable[[str], object]) -> RateMap:
-    """Return the parts with rates of their own, the fastest first. `period`: in s, None without a timer. `mistake` is
-    called with each `every` that does not fit the period."""
+    """Return the parts that do not have the machine's rate, the fastest first. `period` is in s; None without a timer.
+    `mistake` is called with each `every` that does not fit the period."""
     found: list[tuple[Compound, int]] = []
 
     def look_below(node: Node, every: int) -> None:

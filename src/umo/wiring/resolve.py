@@ -1,6 +1,6 @@
 """Checks a wiring against its machine and resolves it: used by `umo check` and `connect`.
 
-All faults are found in one run, each with its file and key.
+All errors are found in one run, each with its file and key.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ if TYPE_CHECKING:
 DEFAULT_PERIOD = "1 ms"
 SEED = a_whole(0, int(INT64.max))
 FAULT_OPTION = "--fault "
-"""Stands for the file of a mistake in a fault from the command line."""
+"""The name in place of a file for a mistake in a fault from the command line."""
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
     """Return every mistake in the wiring; empty if it fits the machine. No device is opened. The parameters of the
-    wiring are set on the machine, which calls `setup`, and then set back."""
+    wiring are set on the machine, which calls `setup`, and are then restored."""
     check_machine("check", root)
     resolver = _Resolver(root, wiring, {})
     wired, mistakes = resolver.run()

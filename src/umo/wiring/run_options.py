@@ -1,4 +1,4 @@
-"""Distributes the options of a run (`--seed 7`) to the functions and drivers that take them."""
+"""The distribution of the options of a run (`--seed 7`) to the functions and drivers that take them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from umo.wiring.source import read
 RESERVED = ("type", *OWN)
 """Keys of a driver's table that are not options of the driver."""
 REALTIME = "realtime"
-"""Option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""
+"""The option of a run by which the timer keeps the pace of the wall clock. It belongs to the wiring and not to a
+driver."""
 FAULT, FAULT_SEED = "fault", "fault_seed"
-"""Options of a run that belong to the wiring and not to a driver: faults to inject, in addition to those of the wiring,
-and the seed of their random numbers."""
+"""The options of a run for faults to inject, in addition to those of the wiring, and for the seed of their random
+numbers. They belong to the wiring and not to a driver."""
 WIRING_OPTIONS = (REALTIME, FAULT, FAULT_SEED)
 WiringText = Path | str | Mapping[str, Any]
 """A wiring as a TOML file or as its contents."""
@@ -46,9 +47,9 @@ def distribute_options(
     wiring: WiringText | None = None,
 ) -> OptionShares:
     """Pass each option to all functions and drivers that take an option of that name: the function that makes the
-    machine, the application (its first parameter is the machine), the drivers of the wiring (`{}`: there are none).
-    Raises OptionError if an option is unknown, if a required one is missing, or if its parameter does not accept the
-    value (`arguments_for`)."""
+    machine, the application (its first parameter is the machine), the drivers of the wiring (`{}`: no drivers). Raises
+    OptionError if an option is unknown, if a required one is missing, or if its parameter does not accept the value
+    (`arguments_for`)."""
     takers = {"machine": (machine, 0), "application": (application, 1)}
     if given:
         drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
@@ -94,8 +95,8 @@ def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Pa
 
 
 def maker_of(wiring: WiringText | None, name: str) -> partial[Driver[Any]]:
-    """Return a function that makes drivers like the one of this name, in a wiring without mistakes (`check`); its
-    keywords change options."""
+    """Return a function that makes drivers like the one of this name, in a wiring without mistakes (`check`). The
+    keywords of the function change options."""
     from umo.wiring.schema import arguments_of
 
     source = read({} if wiring is None else wiring)

@@ -1,6 +1,6 @@
 """The checks of a wiring by pydantic: one line of `[wire]`, and the options of a driver.
 
-Imported with the first wiring that is read, as pydantic takes longer to import than all of umo."""
+This module is imported when the first wiring is read, because pydantic takes longer to import than all of umo."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Numeric = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 class LinearizationTable(BaseModel):
     """`{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with `domain = [from, to]` if it is needed, or `{
-    table = [[inputs], [values]] }`; `{}` means that this circuit has none."""
+    table = [[inputs], [values]] }`; `{}` means that this circuit has no linearization."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -55,8 +55,8 @@ class LinearizationTable(BaseModel):
 
 
 class Entry(BaseModel):
-    """One line of `[wire]`: an object on a driver's channel, and the changes by this circuit to the declaration of the
-    object."""
+    """One line of `[wire]`: an object on a driver's channel, and the changes that this circuit makes to the declaration
+    of the object."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -80,14 +80,14 @@ class Entry(BaseModel):
     stride: StrictInt | None = None
     offset: StrictInt | None = None
     period: Annotated[float | None, above_0()] = None
-    """For the timer: the sampling period, s or a text such as "1 ms"."""
+    """For the timer: the sampling period in s, or a string such as "1 ms"."""
 
 
 def options_of(name: str, signature: Mapping[str, inspect.Parameter], given: dict[str, Any]) -> dict[str, Any]:
     """Check a driver's options against the annotations of its constructor, and return them. Raises ValidationError.
 
-    Values are not converted, except types that TOML does not have: a text to a Path, a list to a tuple. Pydantic
-    converts JSON in this way, so it gets plain data as JSON.
+    Only values of types that TOML does not have are converted: a string to a Path, a list to a tuple. Pydantic converts
+    JSON in this way, so it gets plain data as JSON.
     """
     fields: dict[str, Any] = {
         key: (

@@ -1,4 +1,4 @@
-"""Turns the mistakes found by pydantic into plain words: the key, its permitted values, the nearest valid one."""
+"""The mistakes that pydantic finds, in plain words: the key, its permitted values, and the nearest valid one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PLAIN_MESSAGES = {
 }
 """Messages of pydantic in plain words."""
 UMO_ERROR = "umo"
-"""The type of errors whose message is umo's own, with the value that was given (`umo.wiring.settings`)."""
+"""The type of errors whose message comes from umo and contains the given value (`umo.wiring.settings`)."""
 UNQUOTED_TYPES = ("int_type", "float_type", "bool_type")
 
 
@@ -61,7 +61,8 @@ def _keys_within(types: Mapping[str, Any], where: list[str]) -> list[str]:
 
 
 def types_of(annotation: Any) -> dict[str, Any]:
-    """The type of each key of a model of pydantic, a TypedDict or a dataclass, or of the one model in a union."""
+    """Return the type of each key of a model of pydantic, a TypedDict or a dataclass, or of the only model in a
+    union."""
     if get_origin(annotation) in (UnionType, Union):
         return next(filter(None, map(types_of, get_args(annotation))), {})
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

@@ -1,7 +1,7 @@
-"""Tables of settings: in a wiring, and in the files of a user (fleet, roles, users of faces).
+"""Tables of settings in a wiring, and in the files of a user (fleet, roles, users of faces).
 
 A table is a dataclass. Its annotations describe the permitted values of each key, `Annotated[float, a_time(1.0)]`;
-pydantic checks them, as it checks a wiring. A mistake is reported like a mistake in a wiring: with file, line, key, and
+pydantic checks them, as it checks a wiring. A mistake is reported like a mistake in a wiring, with file, line, key, and
 the nearest valid value.
 """
 
@@ -26,7 +26,7 @@ from umo.toml_lines import line_of, lines_of
 
 S = TypeVar("S")
 COMMAND_LINE = "the command line"
-"""Stands for the place of a mistake that is not in a file."""
+"""The name in place of a file for a mistake that is not in a file."""
 
 
 class SettingsError(OptionError):
@@ -62,7 +62,7 @@ class TakenBy:
 
 
 def a_time(least: float = 0.0) -> TakenBy:
-    """Return the conversion of a time in s, given as a number of s or a text such as "20 ms"."""
+    """Return the conversion of a time in s, given as a number of s or a string such as "20 ms"."""
 
     def take(value: Any) -> float:
         if (found := seconds(value)) < least:
@@ -85,7 +85,7 @@ def above_0() -> TakenBy:
 
 
 def a_size(least: int) -> TakenBy:
-    """Return the conversion of a size in bytes, given as a text such as "200 MB"."""
+    """Return the conversion of a size in bytes, given as a string such as "200 MB"."""
     return TakenBy(lambda value: byte_size(value, least))
 
 
@@ -114,7 +114,7 @@ def a_whole(low: int, high: float = inf) -> TakenBy:
 
 
 def one_of(*choices: str) -> TakenBy:
-    """Return the conversion that accepts one of these texts."""
+    """Return the conversion that accepts one of these strings."""
 
     def take(value: Any) -> str:
         if value not in choices:
@@ -126,7 +126,7 @@ def one_of(*choices: str) -> TakenBy:
 
 
 def a_text(what: str) -> TakenBy:
-    """Return the conversion of a text that is not blank, such as a name or a path."""
+    """Return the conversion of a string that is not blank, such as a name or a path."""
 
     def take(value: Any) -> str:
         if not isinstance(value, str) or not value.strip():
@@ -169,7 +169,7 @@ def settings_of(
     kind: type[S], table: Mapping[str, Any], file: str, section: str = "", lines: Mapping[str, int] | None = None
 ) -> S:
     """Return the settings of a table as the dataclass. Raises SettingsError with all mistakes. `file`: the file of the
-    table, which is read to find the lines of the keys if they are not given; `section`: the place of the table in the
+    table, which is read to find the lines of the keys if they are not given; `section`: the name of the table in the
     file."""
     values, found = values_of(kind, table)
     if found:
@@ -178,7 +178,7 @@ def settings_of(
 
 
 def changed(given: S, changes: Mapping[str, Any] | None, section: str = "") -> S:
-    """Return the settings, replaced by those of a command line that are not None. Raises SettingsError."""
+    """Return the settings; settings of a command line that are not None replace them. Raises SettingsError."""
     wanted = {key: value for key, value in (changes or {}).items() if value is not None}
     found: Any = settings_of(type(given), wanted, COMMAND_LINE, section)
     settings: Any = given
@@ -188,7 +188,7 @@ def changed(given: S, changes: Mapping[str, Any] | None, section: str = "") -> S
 def refusal(
     found: Iterable[tuple[str, str]], file: str, section: str = "", lines: Mapping[str, int] | None = None
 ) -> SettingsError:
-    """Return the error for these (key, message) in a section of a file."""
+    """Return the error for these (key, message) pairs in a section of a file."""
     known = _lines_of(Path(file)) if lines is None else lines
     return SettingsError([_mistake(file, f"{section}.{key}".strip("."), text, known) for key, text in found])
 

@@ -1,4 +1,4 @@
-"""Reading a wiring: TOML to flat entries by object path, every mistake with its file and key."""
+"""The reading of a wiring: from TOML to flat entries by object path, and every mistake with its file and key."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class WiringSource:
     faces: dict[str, Any] = field(default_factory=dict)
     """The faces of the station, as written (`umo.clients.faces.face_settings` reads them)."""
     record: dict[str, Any] | None = None
-    """The settings of recordings of its runs, as written (`umo.recording.record_settings` reads them); None if they are
-    not recorded."""
+    """The settings of recordings of the station's runs, as written (`umo.recording.record_settings` reads them); None
+    if the runs are not recorded."""
     injected: list[Any] = field(default_factory=list)
     """Faults to inject (`umo.testing.faults`)."""
     seed: Any = 0
-    """Seed of their random numbers."""
+    """The seed of the random numbers of faults."""
     mistakes: list[Mistake] = field(default_factory=list)
     suggested: int = 0
 
@@ -56,7 +56,7 @@ class WiringSource:
         self.mistakes.append(Mistake(self.file, key, message))
 
     def located(self, mistakes: Iterable[Mistake]) -> list[Mistake]:
-        """Mistakes, each with the line of its key in the file."""
+        """Return the mistakes, each with the line of its key in the file."""
         found = list(mistakes)
         lines = lines_of(self.text) if found and self.text else {}
         return [self._located(each, line_of(each.key, lines)) for each in found]

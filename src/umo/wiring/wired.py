@@ -1,4 +1,4 @@
-"""A wiring that fits its machine: every object on its channel, every number checked."""
+"""A wiring that fits its machine: every object is on its channel, and every number is checked."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ class Wire:
 
     @property
     def rollover_bits(self) -> int:
-        """The width of a counter that rolls over, or 0 if it does not, or is too wide to roll over in practice."""
+        """The width in bits of a counter that rolls over; 0 if it does not roll over or is too wide to roll over in
+        practice."""
         rollover, bits = self.calibration.rollover, self.channel.bits
         return (bits if bits <= MAX_COUNTER else 0) if rollover is True else int(rollover)
 
@@ -80,8 +81,8 @@ class Wire:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Return the range in which a sensor's value is GOOD: the declared range and half a resolution beyond it; the
-        range of a state is exact."""
+        """The range in which a sensor's value is GOOD: the declared range and half a resolution beyond it. For a state,
+        the range is exact."""
         half = 0.0 if self.item._has_states else abs(self.calibration.resolution) / 2
         low, high = sorted(self.ends)
         if (linearization := self.linearization) is None:
@@ -96,7 +97,7 @@ class Wire:
 
     @property
     def default(self) -> int | None:
-        """Return the raw integer of an actuator's default; None for a sensor."""
+        """The raw integer of an actuator's default; None for a sensor."""
         return self.raw(self.item._default_value()) if isinstance(self.item, Actuator) else None
 
     def nearest(self, value: float) -> int:
@@ -109,9 +110,8 @@ class Wire:
         return x if self.linearization is None else self.linearization.to_value(x)
 
     def mismatch(self, given: PhysicalScale, units: str) -> str:
-        """Return a text about the wired scale if the circuit's own scale differs from it by more than half a raw step
-        anywhere in the range. Empty if it fits, or if the two cannot be compared (other dimensions, a
-        linearization)."""
+        """Return a text if the wired scale differs from the circuit's scale by more than half a raw step anywhere in
+        the range. Return "" if the scales agree, or if they cannot be compared (other dimensions, a linearization)."""
         if self.linearization is not None:
             return ""
         try:
@@ -133,7 +133,7 @@ class Wire:
 
 
 def apply_calibrations(wires: Sequence[Wire]) -> Callable[[], object]:
-    """Give the objects the calibrations of their wires. Returns a function that restores their earlier ones."""
+    """Give the objects the calibrations of their wires. Return a function that restores the earlier calibrations."""
     before = [(wire.item, wire.item.calibration) for wire in wires]
     _calibrate((wire.item, wire.calibration) for wire in wires)
     return partial(_calibrate, before)
@@ -150,8 +150,8 @@ class Parameter(NamedTuple):
 
     number: MachineNumber
     value: Any
-    """The value to set. A number that is not a field has the value of the wiring, because its range may depend on
-    fields."""
+    """The value to set. For a number that is not a field, this is the value as written in the wiring, because the range
+    of the number may depend on fields."""
 
 
 def apply_parameters(
@@ -159,7 +159,7 @@ def apply_parameters(
 ) -> None:
     """Set the parameters: first the fields, from which `setup` may make control laws, then the numbers of the laws.
     `undo` is called with a function for each parameter that restores it. Raises DeclarationError if `setup` or a law
-    does not accept them."""
+    does not accept the parameters."""
     each = sorted(parameters, key=lambda parameter: not parameter.number.is_field)
     fields = [parameter for parameter in each if parameter.number.is_field]
     for number, value in fields:
@@ -188,8 +188,8 @@ def apply_parameters(
 
 
 def mistake_of_parameters(root: Compound, parameters: list[Parameter]) -> str:
-    """Try the parameters on the machine without devices. Return the mistake that it finds; "" if it accepts all, or is
-    connected."""
+    """Try the parameters on the machine without devices. Return the mistake that the machine finds; "" if it accepts
+    all parameters or is connected."""
     restore: list[Callable[[], object]] = []
     before = root._parametrised
     if root.cycle.connected or not parameters:
@@ -213,27 +213,28 @@ AT_ONCE, AT_NEXT_TICK = "at once", "at next tick"
 
 @dataclass(frozen=True, slots=True)
 class ProcessSettings:
-    """Real-time settings of the control process: the wiring's `[process]`, times in s."""
+    """The real-time settings of the control process, from `[process]` of the wiring. Times are in s."""
 
     hang_timeout: float = 0.1
     """Time in s without a finished period after which the process counts as hanging. Default: 20 periods, at least
     0.1 s, and above the sum of the timeouts of one period."""
     reset_for: float = 10.0
-    """Time in s for which the guardian retries to reach a device that does not answer. Then it tries once each actuator
-    that it has not tried yet, within the same time at most."""
+    """The time in s for which the guardian retries to reach a device that does not answer. Then the guardian tries each
+    actuator that it has not tried yet once, for at most the same time again."""
     priority: int = 80
-    """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at one above."""
+    """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at a priority that is higher by
+    one."""
     cpu: int | None = None
-    """The core of the control process. None means: if SCHED_FIFO is permitted, a core that no other station uses, an
-    isolated one if possible, otherwise the last."""
+    """The core of the control process. None means, if SCHED_FIFO is permitted, a core that no other station uses: an
+    isolated core if possible, otherwise the last one."""
     busy_wait: float | None = None
     """Time in s before each tick of a timer in real time (timerfd, `--realtime`) from which the control process waits
     busily (spins); 0 means that it sleeps until the tick. None means 200 us, but at most half of the period, if
-    SCHED_FIFO and a core were granted; otherwise 0. Only a control process uses it: `connect` and `umo.run` sleep until
-    the tick."""
+    SCHED_FIFO and a core were granted; otherwise 0. Only a control process waits busily: `connect` and `umo.run` sleep
+    until the tick."""
     outputs: str = AT_ONCE
-    """Time at which `update` of the whole machine sends: "at once", or "at next tick", which means right after the next
-    tick, before sampling."""
+    """The time at which `update` of the whole machine sends: "at once", or "at next tick", which means immediately
+    after the next tick, before sampling."""
     compile: bool = False
     """True if the control laws are compiled (`umo.generate.compiled_laws`). Only `umo run` uses it."""
 
@@ -250,16 +251,16 @@ class Wired:
     timer: Atomic | None = None
     parameters: list[Parameter] = field(default_factory=list)
     watchdogs: dict[str, float] = field(default_factory=dict)
-    """Times in s of the watchdogs, by the name of the driver."""
+    """The times of the watchdogs in s, by the name of the driver."""
     hardware: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """The devices that each driver takes, by its name; drivers that take none are left out."""
+    """The devices that each driver uses, by the name of the driver. Drivers without a device are left out."""
     process: ProcessSettings = ProcessSettings()
     paced: bool = False
     """True if the option `realtime` paces a timer that runs in virtual time."""
     injection: Injection | None = None
-    """The faults that are injected on purpose; None without any."""
+    """The faults that are injected on purpose; None if there are none."""
     rates: RateMap = NO_RATES
-    """The parts with rates of their own, the fastest first."""
+    """The parts that do not have the machine's rate, the fastest first."""
     faces: Mapping[str, Any] = field(default_factory=dict)
     """The table of the station's faces, as written (`umo.clients.faces.face_settings` reads it)."""
     record: Mapping[str, Any] | None = None
@@ -270,7 +271,7 @@ class Wired:
 
     @property
     def devices(self) -> list[str]:
-        """Return every device of the machine."""
+        """Every device of the machine."""
         return sorted({device for devices in self.hardware.values() for device in devices})
 
     def texts_of(self, wires: Iterable[Wire]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Wake-up latency and execution time of a loop on this computer: umo's loop compared with a bare loop in C."""
+"""The wake-up latency and the execution time of umo's loop on this computer, compared with a bare loop in C."""
 
 from umo.commissioning.latency.measure import Samples, measure
 from umo.commissioning.latency.verdict import Verdict, judge

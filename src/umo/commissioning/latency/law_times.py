@@ -17,18 +17,18 @@ from umo.wiring import resolve
 
 ROUNDS = 2000
 COMPILE_SHARE = 0.05
-"""Share of the period from which on compiling is advised."""
+"""The share of the period from which on umo advises to compile the laws."""
 
 
 @dataclass(frozen=True)
 class LawTimes:
-    """Medians in s of the time that the laws take in one period."""
+    """The medians in s of the time that the laws take in one period."""
 
     python: float
     compiled: float
 
     def advice(self, period: float) -> str:
-        """Return whether `compile` is advised at this period in s."""
+        """Return whether umo advises `compile` for this period in s."""
         saved = self.python - self.compiled
         share = saved / period
         what = f"the laws of this loop take {duration(self.compiled)} instead of {duration(self.python)}"
@@ -38,7 +38,7 @@ class LawTimes:
 
 
 def law_times() -> LawTimes | None:
-    """Measure the times in this process. None without a compiler."""
+    """Measure the times in this process. Return None if there is no compiler."""
     try:
         return LawTimes(_median(compiled=False), _median(compiled=True))
     except DeclarationError:

@@ -1,4 +1,4 @@
-"""umo's own loop, in a process that is prepared like a control process, one slice at a time."""
+"""The loop of umo in a process that is prepared like a control process. It runs one slice at a time."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from umo.system import calls, realtime
 START_TIMEOUT = 60.0
 """Timeout in s for the start of the process, which imports umo."""
 END_TIMEOUT = 5.0
-"""Timeout in s for its end."""
+"""The timeout in s for the end of the process."""
 
 
 class Example(Compound):
-    """13 objects: the size of the z-theta manipulator."""
+    """A machine of 13 objects, as many as the z-theta manipulator has."""
 
     timer: DigitalSensor
     sensors: list[DigitalSensor]
@@ -56,14 +56,14 @@ def example() -> Example:
 
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment of a control process; numpy's own threads would be started with it."""
+"""The environment of a control process, in which numpy starts no threads."""
 START = "import sys; from umo.commissioning.latency.loop import serve; serve(*sys.argv[1:])"
 
 
 class Loop:
-    """A process of its own with the loop; `run` gives one slice of its times.
+    """A separate process with the loop. `run` returns the times of one slice.
 
-    It is a new Python, not a fork: this process has other threads, at least those of numpy.
+    The process is a new Python, not a fork, because the present process has other threads, at least those of numpy.
     """
 
     def __init__(self, period: float, priority: int = 80) -> None:
@@ -93,7 +93,7 @@ class Loop:
 
     @property
     def granted(self) -> bool:
-        """True if SCHED_FIFO and a core of its own were granted."""
+        """True if SCHED_FIFO and a reserved core were granted."""
         return self.priority > 0 and self.cpu is not None
 
     def run(self, periods: int, busy_wait: float = 0.0) -> Slice:
@@ -118,7 +118,7 @@ class Loop:
 
 
 def serve(file: str, period: str, priority: str) -> None:
-    """The function of the process: measure slices on request, until the other end is closed."""
+    """Measure slices on request until the other end is closed. This is the function of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     calls.die_with_parent(os.getppid(), signal.SIGKILL)
     there = Connection(int(file))
@@ -136,8 +136,8 @@ def serve(file: str, period: str, priority: str) -> None:
 
 
 def slice_of(m: Example, ticker: Ticker, periods: int, end: Callable[[], int] = monotonic_ns) -> npt.NDArray[np.int64]:
-    """Run a number of periods; returns the rows for `Slice.of`. `end` gives the time at which the work of a period had
-    ended."""
+    """Run a number of periods, and return the rows for `Slice.of`. `end` returns the time at which the work of a period
+    had ended."""
     times = np.full((periods + 1, 2), -1, np.int64)
     m.timer.read()  # the ticks between the slices
     m.timer.read()

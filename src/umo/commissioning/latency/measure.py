@@ -1,4 +1,4 @@
-"""Measures the two loops in turns, in slices of 0.5 s, so that other load on the computer affects both."""
+"""The measurement of the two loops in alternating slices of 0.5 s, so that other load on the computer affects both."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from umo.system import realtime
 from umo.system.realtime import Refusal
 
 SLICE_TIME = 0.5
-"""s of a slice."""
+"""The duration of a slice in s."""
 BUSY_PROGRAM = "import ctypes\nctypes.CDLL(None).prctl(1, 9)\nwhile True: pass"
-"""Program of an ordinary process that wants a whole core, and ends with its parent."""
+"""The program of an ordinary process that uses a whole core and ends with its parent."""
 
 
 @dataclass
 class Samples:
-    """The times of one loop, in us, and the periods it missed."""
+    """The times of one loop in us, and the number of periods that it missed."""
 
     wake: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     work: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     missed: int = 0
     processor: float = 0.0
-    """Processor time in ns."""
+    """The processor time in ns."""
     elapsed: float = 0.0
-    """Elapsed time in ns."""
+    """The elapsed time in ns."""
 
     @property
     def busy(self) -> float:
@@ -43,7 +43,7 @@ class Samples:
 
     @property
     def total(self) -> npt.NDArray[np.float64]:
-        """Time of waking up plus working, for each period that began in time."""
+        """The wake-up time plus the work time of each period that began in time."""
         return self.wake + self.work
 
     def add(self, found: native.Slice) -> None:
@@ -57,7 +57,7 @@ class Samples:
 
 @dataclass
 class Measured:
-    """The results: for umo's loop and the C loop, each sleeping until the tick and waiting busily."""
+    """The results for umo's loop and for the C loop, both sleeping until the tick and waiting busily."""
 
     period: float
     busy_wait: float
@@ -68,7 +68,7 @@ class Measured:
     umo: Samples = field(default_factory=Samples)
     umo_busy: Samples = field(default_factory=Samples)
     c: Samples | None = None
-    """The samples in C; None without a compiler."""
+    """The samples of the loop in C; None without a compiler."""
     c_busy: Samples | None = None
 
     @property
@@ -79,14 +79,16 @@ class Measured:
 
     @property
     def by_itself(self) -> Samples:
-        """The one of umo's two loops that `umo run` uses on this computer by default."""
+        """The samples of that variant of umo's loop (sleeping or waiting busily) that `umo run` uses on this computer
+        by default."""
         return self.umo_busy if self.granted else self.umo
 
 
 def measure(
     period: float, seconds: float, *, load: bool = False, progress: Callable[[float], object] = lambda share: None
 ) -> Measured:
-    """Run all loops for `seconds` s each, in turns; `load` keeps every core busy beside them. Ctrl-C ends it early."""
+    """Run all loops for `seconds` s each, alternating; `load` keeps every core busy at the same time. Ctrl-C ends it
+    early."""
     periods = max(20, round(SLICE_TIME / period))
     slices = max(1, round(seconds / (periods * period)))
     busy = [subprocess.Popen([sys.executable, "-c", BUSY_PROGRAM]) for _ in range(os.cpu_count() or 1)] if load else []

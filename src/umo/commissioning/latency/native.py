@@ -16,12 +16,12 @@ from umo.generate.c_compiler import COMPILE_TIMEOUT, compiler
 
 SOURCE = Path(__file__).parent / "loop.c"
 SLICE_MARGIN = 30.0
-"""Time in s that a slice may take in addition to ten times that of its periods."""
+"""The time in s that a slice may take in addition to ten times the duration of its periods."""
 
 
 @contextmanager
 def compiled() -> Iterator[Path | None]:
-    """A context with the compiled program, which is deleted at its end; None without a compiler, or if compiling
+    """Return a context with the compiled program, which is deleted at its end; None without a compiler, or if compiling
     fails."""
     found = compiler()
     with tempfile.TemporaryDirectory() as folder:
@@ -40,9 +40,10 @@ class Slice(NamedTuple):
     """The times of some periods of a loop, in ns."""
 
     times: npt.NDArray[np.int64]
-    """Shape (periods, 2): how late the loop woke up, and how long it worked; -1 for ticks that passed meanwhile."""
+    """An array of shape (periods, 2) with the delay of waking up and the duration of the work; -1 for ticks that passed
+    meanwhile."""
     processor: int
-    """Processor time."""
+    """The processor time."""
     elapsed: int
 
     @classmethod
@@ -53,7 +54,7 @@ class Slice(NamedTuple):
 
 
 def run(program: Path, period: float, periods: int, priority: int, cpu: int | None, busy_wait: float = 0.0) -> Slice:
-    """Run the program once, with this number of periods. It stops to sleep `busy_wait` s before each tick."""
+    """Run the program once, with this number of periods. The program ends its sleep `busy_wait` s before each tick."""
     words = [round(period * 1e9), periods, priority, -1 if cpu is None else cpu, round(busy_wait * 1e9)]
     limit = time_limit(period, periods)
     done = subprocess.run([str(program), *map(str, words)], capture_output=True, check=True, timeout=limit)
@@ -61,6 +62,6 @@ def run(program: Path, period: float, periods: int, priority: int, cpu: int | No
 
 
 def time_limit(period: float, periods: int) -> float:
-    """Timeout in s for a slice of this number of periods: it has a margin, because other processes may take the
-    processor or stop the loop."""
+    """Return the timeout in s for a slice of this number of periods. It has a margin, because other processes may take
+    the processor or stop the loop."""
     return SLICE_MARGIN + 10 * period * periods

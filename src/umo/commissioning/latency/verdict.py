@@ -23,16 +23,16 @@ SAFE_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Verdict:
-    """`word` is yes, with care or no; `text` says why."""
+    """The verdict. `word` is "yes", "with care" or "no"; `text` gives the reason."""
 
     word: str
     text: str
 
 
 def judge(found: Measured) -> Verdict:
-    """Judge the loop that `umo run` uses on this computer. yes: no period missed and the longest wake-up plus work
-    below half of the period. with care: at most one of a thousand periods missed, and 99.9 % of them below the period.
-    no: otherwise."""
+    """Judge the loop that `umo run` uses on this computer. "yes": no period was missed, and the longest wake-up plus
+    work is below half of the period. "with care": at most one of a thousand periods was missed, and in 99.9 % of the
+    periods wake-up plus work is below the period. "no": otherwise."""
     total, missed = found.by_itself.total, found.by_itself.missed
     count = len(total) + missed
     period = found.period * 1e6
@@ -86,7 +86,7 @@ def _read(path: str) -> str:
 
 
 def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | None = None) -> list[str]:
-    """Settings of this computer to change, one line each."""
+    """Return advice on settings of this computer to change, one line for each."""
     lines = [str(refusal) for refusal in found.refusals]
     if read("/sys/kernel/realtime").strip() != "1" and "PREEMPT_RT" not in read("/proc/version"):
         lines.append(

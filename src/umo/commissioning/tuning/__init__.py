@@ -1,2 +1,2 @@
 """Tuning of control laws: models of processes from measured responses, gains by known rules, margins, predicted steps.
-Needs the extra `tune` (scipy)."""
+It needs the extra `tune` (scipy)."""

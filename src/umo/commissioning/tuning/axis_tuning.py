@@ -1,10 +1,10 @@
-"""Tuning of servo axes from moves: feed-forward, inertia and friction of the motor, then the velocity and the position
-loop that a `Servo` on an encoder is.
+"""Tuning of servo axes from moves: feed-forward, inertia and friction of the motor, then the velocity loop and the
+position loop. A `Servo` on an encoder contains both.
 
 The output u moves the axis at velocity v: u = feed_forward v + inertia dv/dt + friction sign(v) + offset (Armstrong,
 Control of Machines with Friction, 1991). The output without friction and offset determines the velocity through a
-first-order model. A derivative on the encoder is the velocity loop: gain (e - derivative_time v), so its gain is gain *
-derivative_time, and the position loop has the gain 1 / derivative_time.
+first-order model. A derivative on the encoder is the velocity loop: gain (e - derivative_time v), so the gain of the
+velocity loop is gain * derivative_time, and the gain of the position loop is 1 / derivative_time.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class AxisModel:
     friction: float
     """Output that overcomes dry friction."""
     offset: float
-    """Output that holds the axis, as against gravity."""
+    """The output that holds the axis, for example against gravity."""
 
     @property
     def feed_forward(self) -> float:
@@ -60,16 +60,17 @@ class AxisModel:
 
     @property
     def as_good(self) -> list[ProcessModel]:
-        """Return the models that fit equally well, as `position`."""
+        """The models that fit equally well, in the form of `position`."""
         return [_position(each) for each in self.identified.as_good]
 
     def feed_forward_with(self, gains: Gains) -> float:
-        """The feed-forward of a `Servo`: its derivative acts on the encoder, which the feed-forward compensates."""
+        """Return the feed-forward of a `Servo`: its derivative acts on the encoder, and the feed-forward compensates
+        this effect."""
         return self.feed_forward + gains.gain * gains.derivative_time
 
 
 def identify_axis(response: MeasuredResponse, sign: float = 0.0) -> AxisModel:
-    """Identify an axis from moves in both directions. Raises RangeError if it did not move enough, or if no model
+    """Identify an axis from moves in both directions. Raises RangeError if the axis did not move enough, or if no model
     fits."""
     velocity, acceleration, output = _smoothed(response)
     moving = np.abs(velocity) > MOVING * np.abs(velocity).max()
@@ -85,7 +86,7 @@ def identify_axis(response: MeasuredResponse, sign: float = 0.0) -> AxisModel:
 
 
 def axis_sets(axis: AxisModel, dt: float) -> list[GainSet]:
-    """The gains of the `Servo`; those of its velocity loop and its position loop follow from them."""
+    """Return the gains of the `Servo`. They determine the gains of its velocity loop and its position loop."""
     return gain_sets(axis.position, dt, axis.as_good)
 
 

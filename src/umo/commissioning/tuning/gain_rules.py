@@ -7,8 +7,8 @@
 | quick | SIMC with half a dead time | 1.6, 30 degrees |
 
 SIMC: Skogestad, Simple analytic rules for model reduction and PID controller tuning, J. Process Control 13, 2003.
-AMIGO: Astrom and Hagglund, Advanced PID Control, 2006, section 7.4. A set that misses its margins, with
-the worst of the models that fit as well, is made slower until it has them.
+AMIGO: Astrom and Hagglund, Advanced PID Control, 2006, section 7.4. If a set does not have its margins with the worst
+of the models that fit equally well, the set is made slower until it has them.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ SPEEDS: Mapping[str, float] = {CAUTIOUS: 3.0, BALANCED: 1.0, QUICK: 0.5}
 LEAST: Mapping[str, tuple[float, float]] = {CAUTIOUS: (3.0, 55.0), BALANCED: (2.0, 45.0), QUICK: (1.6, 30.0)}
 """The least gain margin, and the least phase margin in degrees, of each set."""
 SHORTEST_DEAD_TIME = 0.01
-"""Least dead time, as a share of the longest lag; a shorter one is raised to it, because unmodelled effects are as
-large."""
+"""The least dead time, as a share of the longest lag. A shorter dead time is raised to this value, because unmodelled
+effects are as large."""
 CLEAR_SECOND_LAG = 0.2
 """Second lag, as a share of the longest one, from which on a set has a derivative."""
 FILTER_SHARE = 0.1
 """The filter's time constant is this share of the derivative time."""
 SLOWER = 0.95
-"""Factor by which the gain of a set is reduced, again and again, until it has its margins."""
+"""The factor by which the gain of a set is reduced repeatedly until the set has its margins."""
 TRIES, STRIDE = 120, 8
 MOST_DOUBT = 40
-"""Largest number of times that a set is made slower for models that fit as well, beyond those for the model itself; its
-gain falls to an eighth."""
+"""The largest number of times that a set is made slower for other models that fit equally well, in addition to the
+reductions for the model itself. The gain then falls to an eighth."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,10 @@ class GainSet:
 def gain_sets(
     model: ProcessModel, dt: float, as_good: Sequence[ProcessModel] = (), derivative: bool = True
 ) -> list[GainSet]:
-    """The three sets for a loop that is closed each `dt` s, the cautious one first; with the margins of the worst of
-    the models that are `as_good`. `derivative`: whether they may have one. Raises RangeError if a set does not reach
-    its margins, or if the models differ so much that it would be much slower than the model needs."""
+    """Return the three sets for a loop that is closed each `dt` s, the cautious set first. Their margins are those with
+    the worst of the models in `as_good`. `derivative`: whether the sets may have a derivative. Raises RangeError if a
+    set does not reach its margins, or if the models differ so much that the set would be much slower than the model
+    needs."""
     alone, worst = SampledModels([model], dt), SampledModels([model, *as_good], dt)
     sets = []
     for name, factor in SPEEDS.items():

@@ -1,12 +1,13 @@
-"""Identification: the models that describe a measured response, by least squares on it (output error; Ljung, System
-Identification, 1999, chapters 7, 9 and 16).
+"""Identification: finding the models that describe a measured response, by least squares on the response (output error;
+Ljung, System Identification, 1999, chapters 7, 9 and 16).
 
 For each structure the best model is found, and the region of models that are no worse than noise explains: their sum of
-squares stays below the limit of an F-test that counts only independent residuals. All regions within the limit of the
-best model of all contain the models that fit as well; margins are those of the worst of them.
+squares stays below the limit of an F-test that counts only independent residuals. The models that fit equally well are
+those of all regions within the limit of the best model of all structures. Margins are those of the worst of these
+models.
 
-Gain, zero, initial state and drift enter linearly: for each dead time and lag they are solved for, and only the others
-are searched (variable projection; Golub and Pereyra, Inverse Problems 19, 2003).
+Gain, zero, initial state and drift enter linearly. They are solved for at each dead time and lag, and only dead times
+and lags are searched (variable projection; Golub and Pereyra, Inverse Problems 19, 2003).
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ SECOND_LAGS = (0.05, 0.3, 0.9)
 DAMPINGS = (0.1, 0.4, 0.8)
 LEAST_DAMPING = 0.01
 DRIFT_WEIGHT = 0.003
-"""Weight of drift and of the initial state, relative to 1 for a sample, so that both are assumed small if possible."""
+"""The weight of drift and of the initial state, relative to 1 for a sample. With it, both are assumed to be small if
+possible."""
 LONGEST_LAG = 20.0
 """Largest lag, in durations of the response."""
 SHORTEST_UNSTABLE = 0.02
@@ -43,11 +45,11 @@ FEWEST_INDEPENDENT = 12.0
 POOR_FIT = 50.0
 """Fit in per cent below which a model is refused."""
 NONLINEAR_DEVIATIONS = 3.0
-"""Number of standard deviations from which on a dependence on the amplitude is not noise."""
+"""The number of standard deviations from which on a dependence on the amplitude does not count as noise."""
 LEAST_SHOWN = 1e-3
-"""Least share of the dependence on the amplitude that the rest of the model does not hide."""
+"""The least share of the dependence on the amplitude that the other parts of the model must not hide."""
 DIRECTIONS = 4
-"""Number of directions in which a region is examined, besides its main axes."""
+"""The number of directions in which a region is examined, in addition to its main axes."""
 HALVINGS = 8
 """Largest number of steps of the search for a border."""
 GROWTH = 2.0
@@ -55,17 +57,18 @@ GROWTH = 2.0
 
 @dataclass(frozen=True)
 class Identified:
-    """A model, and the models that fit as well."""
+    """A model, and the models that fit equally well."""
 
     model: ProcessModel
     as_good: tuple[ProcessModel, ...]
-    """Models at the border of the region that describes the response as well as the best one; `model` is the first."""
+    """The models at the border of the region of those that describe the response as well as the best model. The first
+    is `model`."""
     fit: float
-    """100 (1 - |error| / |measurement - mean|), per cent."""
+    """The fit in per cent: 100 (1 - |error| / |measurement - mean|)."""
     unexplained: float
     """The part that no model describes, without the noise, as a share of the spread of the measurement, per cent."""
     bend: float
-    """The share by which the gain depends on the amplitude, as far as noise cannot explain it."""
+    """The share by which the gain depends on the amplitude and that noise cannot explain."""
     predicted: FloatArray
     """The measurements that the model predicts."""
     duration: float
@@ -73,19 +76,20 @@ class Identified:
 
     @property
     def kinds(self) -> list[str]:
-        """Return the kinds of models that fit equally well, with the kind of `model` first."""
+        """The kinds of models that fit equally well, with the kind of `model` first."""
         return list(dict.fromkeys(each.kind for each in self.as_good))
 
     @property
     def intervals(self) -> dict[str, float]:
-        """Half of the range of each parameter among the models of the same kind that fit as well, by its letter."""
+        """Half of the range of each parameter among the models of the same kind that fit equally well, by the letter of
+        the parameter."""
         alike = [each.describe() for each in self.as_good if each.kind == self.model.kind]
         return {name: float(np.ptp([each[name] for each in alike])) / 2.0 for name in self.model.describe()}
 
 
 def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(STRUCTURES), sign: float = 0.0) -> Identified:
-    """The simplest model that describes the response about as well as any, and all that do. `sign`: the sign of its
-    gain, if known. Raises RangeError if no model does."""
+    """Return the simplest model that describes the response about as well as any, and all models that do. `sign`: the
+    sign of the gain, if known. Raises RangeError if no model describes the response."""
     response = response.thinned()
     fits = [each for kind in kinds if (each := fit_model(kind, response, sign)) is not None]
     best = min(fits, key=lambda each: each.cost, default=None)
@@ -220,7 +224,7 @@ class _Fit:
 
 
 def fit_model(kind: str, response: MeasuredResponse, sign: float = 0.0) -> _Fit | None:
-    """The best model of this kind; None if there is none with a gain of this sign (0 means any sign)."""
+    """Return the best model of this kind; None if there is no model with a gain of this sign (0 means any sign)."""
     from scipy.optimize import least_squares
 
     low, high = _bounds(kind)

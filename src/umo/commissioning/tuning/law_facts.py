@@ -16,7 +16,7 @@ from umo.text import did_you_mean
 
 @dataclass(frozen=True)
 class LawFacts:
-    """A loop: `law` is its path, `base` that of the law as a whole."""
+    """The facts about a loop. `law` is the path of the loop, `base` is the path of the law that contains it."""
 
     law: str
     sensor: str
@@ -25,7 +25,7 @@ class LawFacts:
     dt: float
     """Time in s between two steps of the law."""
     axis: bool = False
-    """True if it is the servo of an axis of motion."""
+    """True if the loop is the servo of an axis of motion."""
     units: tuple[str, str] = ("", "")
     """Units of the measurement and of the output."""
     ranges: tuple[float, float] = (inf, inf)
@@ -33,7 +33,7 @@ class LawFacts:
     resolution: float = 0.0
     """Resolution of the output."""
     inner: str = ""
-    """The inner law, if this is the outer law of a cascade; its setpoint is the output."""
+    """The inner law, if this is the outer law of a cascade. The setpoint of the inner law is the output."""
     inner_sensor: str = ""
 
     @classmethod
@@ -60,7 +60,7 @@ class LawFacts:
 
     @property
     def base(self) -> str:
-        """The path of the law; for an element, that of its VectorPID."""
+        """The path of the law; for an element, the path of its VectorPID."""
         head, _, last = self.law.rpartition(".")
         return head if last.isdigit() and head else self.law
 

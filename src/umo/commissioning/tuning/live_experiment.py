@@ -1,4 +1,4 @@
-"""Experiments on stations that run: the experiment under the lease, and its samples from the frames."""
+"""Experiments on running stations. An experiment is made under the lease; its samples come from the frames."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from umo.operation.commands.verbs import CALL, LET_GO
 from umo.recording.scope.history import ThinnedHistory
 
 MOST_ROWS = 200_000
-"""Largest number of samples kept; beyond it every second one is dropped."""
+"""The largest number of samples that are kept. If there are more, every second one is dropped."""
 MOVES = 2
-"""Number of moves there and back."""
+"""The number of moves, each there and back."""
 BEFORE = 20
 """Number of steps of the law that are kept before the excitation."""
 
@@ -50,7 +50,7 @@ class CollectedSamples:
 
 
 def facts_of(station: RunningStation, place: str, sensor: str = "", actuator: str = "") -> LawFacts:
-    """Return the facts of the law at this path. It needs the lease. Raises PathError if there is no law."""
+    """Return the facts of the law at this path. This needs the lease. Raises PathError if there is no law."""
     told = station.carry_out(CALL, f"{place}.law")
     layout = station.reader.layout
     return LawFacts.of(told, sensor, actuator).described(layout.described.traced)
@@ -63,8 +63,8 @@ def experiment(
     arguments: Mapping[str, Any],
     show: Callable[[], object] = lambda: None,
 ) -> tuple[MeasuredResponse, dict[str, Any]]:
-    """Make the experiment under the lease, wait for its end, and return its response and its result. The errors are
-    those of the experiment (`umo.control.experiment`)."""
+    """Make the experiment under the lease, wait for its end, and return its response and its result. Raises the errors
+    of the experiment (`umo.control.experiment`)."""
     path = f"{place}.experiment"
     with closing(CollectedSamples(station, facts, show)) as samples:
         ended = station.carry_out(CALL, path, arguments, samples.look)
@@ -77,8 +77,8 @@ def experiment(
 def moves(
     station: RunningStation, facts: LawFacts, distance: float, show: Callable[[], object] = lambda: None
 ) -> MeasuredResponse:
-    """Move an axis by this distance and back, twice, under the lease. Raises RangeError if it does not fit in the range
-    of the axis; the other errors are those of `move_to`."""
+    """Move an axis by this distance and back, twice, under the lease. Raises RangeError if the distance does not fit in
+    the range of the axis, and the errors of `move_to`."""
     axis = facts.law.rpartition(".")[0]
     start = float(station[facts.sensor].read())
     low, high = next(each for each in station.reader.layout.described.objects if each.path == facts.sensor).bounds

@@ -1,6 +1,6 @@
-"""Computes the stability margins of a loop of umo's `PID` and a process, or the worst of several processes, from
-frequency responses that include the sampling. Stability is checked by Nyquist's criterion (Astrom and Murray, Feedback
-Systems, 2021, sections 10.2 and 10.3)."""
+"""The stability margins of a loop of umo's `PID` and a process, or the worst of several processes. They are computed
+from frequency responses that include the sampling. Stability is checked by Nyquist's criterion (Astrom and Murray,
+Feedback Systems, 2021, sections 10.2 and 10.3)."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ DECADES = 9
 
 
 MOST_UNTURNED = 0.3
-"""Largest difference, in half turns, between the sum of a loop's turns and the criterion; the loop is not evaluated
-below the lowest frequency."""
+"""The largest permitted difference, in half turns, between the sum of a loop's turns and the criterion. There is a
+difference because the loop is not evaluated below the lowest frequency."""
 Indices = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
@@ -49,13 +49,14 @@ class Gains:
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """The distance of a loop from instability. It is unstable with a gain margin of 1 or a phase margin of 0, or
-    less."""
+    """The distance of a loop from instability. The loop is unstable if the gain margin is 1 or less, or the phase
+    margin is 0 or less."""
 
     gain: float
-    """Factor by which the gain may grow, or must not fall if that is the smaller one; infinite if it may be any."""
+    """The factor by which the gain may grow, or by which it must not fall if this factor is smaller; infinite if every
+    gain is stable."""
     phase: float
-    """Degrees by which the phase may fall; infinite if the gain of the loop is below 1 everywhere."""
+    """The degrees by which the phase may fall; infinite if the gain of the loop is below 1 everywhere."""
     crossover: float = 0.0
     """The highest frequency at which the gain of the loop is 1, rad/s, or 0 if there is none."""
 
@@ -71,13 +72,14 @@ UNSTABLE_LOOP = LoopMargins(0.0, 0.0)
 
 
 def margins(model: ProcessModel, gains: Gains, dt: float) -> LoopMargins:
-    """The margins of the loop that is closed each `dt` s. Raises RangeError if the signs of the gains differ: then the
-    loop drives the measurement away."""
+    """Return the margins of the loop that is closed each `dt` s. Raises RangeError if the signs of the gains differ,
+    because then the loop drives the measurement away."""
     return SampledModels([model], dt).margins(gains)
 
 
 class SampledModels:
-    """Models of one process, each of which may be the true one: the margins of a loop are those of the worst."""
+    """Several models of one process, each of which may be the true one. The margins of a loop are those with the worst
+    model."""
 
     def __init__(self, models: Sequence[ProcessModel], dt: float) -> None:
         self.gain, self.dt = models[0].gain, dt
@@ -90,7 +92,7 @@ class SampledModels:
         self._unstable = np.array([float(each.structure.unstable) for each in models])
 
     def margins(self, gains: Gains) -> LoopMargins:
-        """The least margins, and the highest crossover. Raises RangeError if the signs of the gains differ."""
+        """Return the least margins, and the highest crossover. Raises RangeError if the signs of the gains differ."""
         if gains.gain * self.gain <= 0.0:
             raise RangeError(f"a gain of {gains.gain:g} drives a process of gain {self.gain:g} away from its setpoint")
         loops = self._responses * gains.frequency_response(self._frequencies, self.dt)

@@ -1,4 +1,4 @@
-"""Measured responses: the output of a law and its measurement against time, evenly spaced."""
+"""Measured responses: the output and the measurement of a law at evenly spaced times."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from umo.recording.scope.history import ValueHistory
 MIN_RESPONSE_SAMPLES = 20
 """Smallest number of samples of a response."""
 MAX_RESPONSE_SAMPLES = 2000
-"""Largest number of samples that are kept; of longer responses, each sample stands for several."""
+"""The largest number of samples that are kept. In a longer response each sample stands for several."""
 LEAST_MOVES = 3
-"""Number of resolutions by which the output must have moved."""
+"""The number of resolutions by which the output must have moved."""
 MIN_SIGNAL_TO_NOISE = 1.5
 """Least spread of the measurement, in standard deviations of its noise."""
 
@@ -35,7 +35,8 @@ class MeasuredResponse:
 
     @classmethod
     def of_rows(cls, rows: FloatArray) -> MeasuredResponse:
-        """Return a response as `of`; columns: time, output, measurement, and for a cascade the inner measurement."""
+        """Return a response like `of`. The columns are time, output, measurement, and for a cascade the inner
+        measurement."""
         found = cls.of(rows[:, 0], rows[:, 1], rows[:, 2])
         return found if rows.shape[1] < 4 else replace(found, inner=cls.of(rows[:, 0], rows[:, 1], rows[:, 3]))
 
@@ -43,14 +44,14 @@ class MeasuredResponse:
     def of_history(
         cls, history: ValueHistory, columns: Sequence[int], start: float = -np.inf, stop: float = np.inf
     ) -> MeasuredResponse:
-        """Return a response as `of_rows`, from these columns of a run between these times, s."""
+        """Return a response like `of_rows`, from these columns of a run between these times in s."""
         times, values = history.between(start, stop, columns)
         return cls.of_rows(np.column_stack([times, *values]))
 
     @classmethod
     def of(cls, times: FloatArray, outputs: FloatArray, measurements: FloatArray) -> MeasuredResponse:
-        """Make a response from rows in the order of time (s); rows may be missing. Raises RangeError if they are too
-        few, or if the times do not rise."""
+        """Make a response from rows in the order of time (s); rows may be missing. Raises RangeError if there are too
+        few rows, or if the times do not rise."""
         known = np.isfinite(times) & np.isfinite(outputs) & np.isfinite(measurements)
         times, outputs, measurements = times[known], outputs[known], measurements[known]
         if len(times) < MIN_RESPONSE_SAMPLES:
@@ -69,7 +70,7 @@ class MeasuredResponse:
 
     @property
     def times(self) -> FloatArray:
-        """s since the first sample."""
+        """The times in s since the first sample."""
         found: FloatArray = np.arange(len(self.outputs), dtype=np.float64) * self.dt
         return found
 
@@ -79,8 +80,8 @@ class MeasuredResponse:
         return len(self.outputs) * self.dt
 
     def thinned(self, most: int = MAX_RESPONSE_SAMPLES) -> MeasuredResponse:
-        """Return a response with at most this number of samples: each is the measurement at its time, and the mean of
-        the outputs until the next."""
+        """Return a response with at most this number of samples: each sample has the measurement at its time, and the
+        mean of the outputs until the next sample."""
         every = -(-len(self.outputs) // most)
         if every == 1:
             return self

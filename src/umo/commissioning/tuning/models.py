@@ -59,7 +59,7 @@ STRUCTURES: Mapping[str, Structure] = {
 }
 """The kinds of models, the simplest first."""
 MIN_LAG_DIFFERENCE = 1e-3
-"""Least relative difference of two lags, because equal ones have no partial fractions."""
+"""The least relative difference of two lags, because equal lags have no partial fractions."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,8 @@ class ProcessModel:
 
     @property
     def slope(self) -> float:
-        """Gain over the longest lag, for an integrator its gain; this is how fast the measurement begins to change."""
+        """The gain divided by the longest lag, or the gain of an integrator. It says how fast the measurement begins to
+        change."""
         return self.gain if self.integrates else self.gain / self.lags[0]
 
     @property
@@ -120,8 +121,8 @@ class ProcessModel:
         return found
 
     def response(self, outputs: FloatArray, dt: float) -> FloatArray:
-        """The change of the measurement under these outputs, one each `dt` s, from rest at the first of them; for an
-        unstable model, the response that ends at rest."""
+        """Return the change of the measurement under these outputs, one every `dt` s, from rest at the first output.
+        For an unstable model, return the response that ends at rest."""
         changes = outputs - outputs[0]
         parts = [weight * sampled_response(changes, dt, pole, self.dead_time) for weight, pole in self.terms]
         found: FloatArray = np.real(np.sum(parts, axis=0))
@@ -138,7 +139,7 @@ class ProcessModel:
         return found
 
     def describe(self) -> dict[str, float]:
-        """The parameters by their letters."""
+        """Return the parameters by their letters."""
         structure = self.structure
         letters = ["T"] if structure.lags == 1 else ["T1", "T2"]
         found = {"K": self.gain, **dict(zip(letters, self.lags, strict=False))}
@@ -150,8 +151,8 @@ class ProcessModel:
 
 
 def sampled_response(changes: FloatArray, dt: float, pole: complex, dead_time: float) -> Complex:
-    """The response of 1 / (s - pole) with a dead time, from 0; outputs before the first are 0. For a pole in the right
-    half-plane, the response that ends at 0, which stays finite."""
+    """Return the response of 1 / (s - pole) with a dead time, from 0; outputs before the first one are 0. For a pole in
+    the right half-plane, return the response that ends at 0, because this response stays finite."""
     from scipy.signal import lfilter
 
     whole, newer, older, kept = _held(dead_time, dt, pole)

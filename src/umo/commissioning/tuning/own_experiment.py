@@ -1,4 +1,4 @@
-"""Experiments in a run of their own: a station on its simulated plant, in virtual time."""
+"""Experiments in a separate run of a station on its simulated plant, in virtual time."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def own_experiment(
     show: Callable[[float, str], object] = lambda time, text: None,
     tried: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
 ) -> tuple[MeasuredResponse, dict[str, Any]]:
-    """Run the station's application, and make the experiment at this time, s. `tried`: settings that laws have from the
-    beginning, by the paths of the laws. Returns the response and the result of the experiment. Raises OptionError if
-    the wiring runs in real time. Raises CommandRefused if the run ends before."""
+    """Run the station's application, and make the experiment at this time, s. `tried`: settings for laws from the
+    beginning of the run, by the paths of the laws. Returns the response and the result of the experiment. Raises
+    OptionError if the wiring runs in real time. Raises CommandRefused if the run ends before this time."""
     if plan.wired.realtime:
         raise OptionError(
             f"{plan.name} with the wiring {plan.wiring_name or 'given'} runs in real time: start it with `umo run "

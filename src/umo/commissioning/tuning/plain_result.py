@@ -10,7 +10,7 @@ from umo.commissioning.tuning.gain_rules import GainSet
 from umo.commissioning.tuning.tuning_result import TuningResult
 
 DIGITS = 3
-"""Number of significant digits of a gain; it is not known more precisely."""
+"""The number of significant digits of a gain, because a gain is not known more precisely."""
 AXIS_NUMBERS = ("feed_forward", "inertia", "friction", "offset")
 
 
@@ -20,7 +20,7 @@ def rounded(value: float) -> float:
 
 
 def settings_of(result: TuningResult, chosen: GainSet) -> dict[str, float]:
-    """Return the settings of a set, by the names of the law; for an axis with its feed-forward."""
+    """Return the settings of a set by their names in the law; for an axis also the feed-forward."""
     present = asdict(result.facts.present)
     found = {name: rounded(value) for name, value in asdict(chosen.gains).items()}
     found = {name: value for name, value in found.items() if value or present[name]}
@@ -70,7 +70,7 @@ def _set(result: TuningResult, each: GainSet) -> dict[str, Any]:
 
 
 def finite(data: Any) -> Any:
-    """Plain data with null where a number is not finite."""
+    """Return plain data in which null replaces numbers that are not finite."""
     if isinstance(data, dict):
         return {name: finite(value) for name, value in data.items()}
     if isinstance(data, list):

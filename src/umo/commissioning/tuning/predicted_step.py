@@ -1,4 +1,4 @@
-"""Predicted steps: a loop of umo's own `PID` and a model, after a step of the setpoint."""
+"""Predicted steps: the response of a loop of umo's `PID` and a model to a step of the setpoint."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from umo.control import PID
 from umo.objects.scaling import FloatArray
 
 MOST_STEPS = 2000
-"""Largest number of computed periods; for a longer time longer periods are used."""
+"""The largest number of computed periods. For a longer time, longer periods are used."""
 SETTLED = 0.05
 """Share of a step within which the response counts as settled."""
 
@@ -34,7 +34,7 @@ class PredictedStep:
 
     @property
     def settling_time(self) -> float:
-        """Time in s until the response stays within 5 %; infinite if it does not within the computed time."""
+        """Time in s until the response stays within 5 %; infinite if this does not happen within the computed time."""
         away = np.flatnonzero(np.abs(self.measurements / self.size - 1.0) > SETTLED)
         if len(away) and away[-1] == len(self.times) - 1:
             return inf
@@ -44,7 +44,7 @@ class PredictedStep:
 def predicted_step(
     model: ProcessModel, gains: Gains, dt: float, duration: float, size: float = 1.0, limit: float = inf
 ) -> PredictedStep:
-    """Predict a step over `duration` s. `limit`: the largest change of the output, which is limited as by the
+    """Predict a step over `duration` s. `limit`: the largest change of the output, which stands for the limits of the
     actuator."""
     dt = max(dt, duration / MOST_STEPS)
     count = max(int(duration / dt), 2)

@@ -16,7 +16,7 @@ from umo.objects.scaling import FloatArray
 FEWEST_CYCLES = 2
 """Least number of whole cycles."""
 MIN_HALF_CYCLE = 0.35
-"""Least share of a cycle for each half; with less, the process was not at rest at the beginning."""
+"""The least share of a cycle for each half. If a half is shorter, the process was not at rest at the beginning."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class RelayCycles:
     """Phase of the process at this period, degrees: -180 plus the effect of the hysteresis."""
     cycles: int
     uneven: bool
-    """True if its halves differ much: the output was not in the middle."""
+    """True if the halves of the cycles differ much, because the output was not in the middle."""
 
 
 def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles:

@@ -10,15 +10,15 @@ from umo.process.frames import Reader
 
 
 class RunningStation(Protocol):
-    """A station whose frames are read, and which is commanded with the lease of the caller."""
+    """A station whose frames are read and to which commands are sent under the lease of the caller."""
 
     reader: Reader
 
     def __getitem__(self, name: str) -> Any:
-        """The object at this path. Raises PathError if there is none."""
+        """Return the object at this path. Raises PathError if there is none."""
 
     def __setitem__(self, name: str, value: Any) -> None:
-        """Set the tunable number at this path, in its unit. Raises RangeError if it is outside of its range."""
+        """Set the tunable number at this path, in its unit. Raises RangeError if the value is outside of the range."""
 
     def carry_out(
         self,
@@ -27,5 +27,5 @@ class RunningStation(Protocol):
         arguments: Mapping[str, Any] | None = None,
         while_running: Callable[[], object] = lambda: None,
     ) -> Any:
-        """Give a command and return its result; `while_running` is called until it ends. The machine's errors are
-        raised."""
+        """Give a command and return its result; `while_running` is called until it ends. Raises the errors of the
+        machine."""

@@ -1,4 +1,4 @@
-"""Tries gains for a time on a running station, through its tunable numbers."""
+"""Trying gains for a limited time on a running station, through its tunable numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from umo.errors import OptionError, UmoError
 
 
 def check_tunable(station: RunningStation, law: str, names: Iterable[str]) -> None:
-    """Check that these settings of a law are tunable. Raises OptionError if one is not."""
+    """Check that these settings of a law are tunable. Raises OptionError if one of them is not."""
     known = station.reader.tunables()
     missing = [each for name in names if (each := f"{law}.{name}") not in known]
     if missing:
@@ -19,8 +19,8 @@ def check_tunable(station: RunningStation, law: str, names: Iterable[str]) -> No
 
 @contextmanager
 def trying(station: RunningStation, law: str, settings: Mapping[str, float]) -> Iterator[None]:
-    """A context in which a law has these settings, by name; at its end the old ones are restored, if the lease is still
-    held. Raises OptionError if one is not tunable, RangeError if it is outside of its range."""
+    """Return a context in which a law has these settings, by name; at its end the old settings are restored, if the
+    lease is still held. Raises OptionError if a setting is not tunable, RangeError if it is outside of its range."""
     check_tunable(station, law, settings)
     known = station.reader.tunables()
     paths = {f"{law}.{name}": value for name, value in settings.items()}

@@ -1,4 +1,4 @@
-"""The result of tuning a loop: its model, sets of gains with margins, and the steps that they promise."""
+"""The result of tuning a loop: its model, sets of gains with margins, and the predicted steps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from umo.errors import RangeError
 PRESENT = "present"
 """The name of the gains that the law has."""
 PREDICTED_MODELS = 12
-"""Approximate number of models that fit as well whose steps are predicted."""
+"""The approximate number of models, among those that fit equally well, for which steps are predicted."""
 STEP_TIMES = 25.0
 """Duration of a predicted step as a multiple of 1 / crossover."""
 FASTER = 3.0
@@ -31,10 +31,10 @@ MOST_UNEXPLAINED = 15.0
 MOST_BENT = 0.1
 """Share by which the gain may depend on the amplitude."""
 LONGEST_SECOND_LAG = 0.3
-"""Largest lag, as a share of the response, behind an integrator or a longer lag, less the effect of a zero; longer lags
-look like integrators."""
+"""The largest lag in addition to an integrator or a longer lag, less the effect of a zero, as a share of the response.
+A longer lag looks like an integrator."""
 LEAST_DAMPING = 0.3
-"""Least damping of a process that oscillates: with less no gains are printed."""
+"""The least damping of an oscillating process for which gains are printed."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class TuningResult:
     identified: Identified
     relay: RelayCycles | None
     sets: list[GainSet]
-    """The sets of gains: the present ones first, if they close a loop; then cautious, balanced and quick."""
+    """The sets of gains: first the present gains, if they close a loop; then cautious, balanced and quick."""
     inner: ProcessModel | None = None
     """For a cascade, the model from the inner setpoint to the inner measurement; None if not known."""
     axis: AxisModel | None = None
-    """The model of the axis, if it is one; then the response is that of its velocity."""
+    """The model of the axis, if the loop is one of an axis; then the response is that of the velocity."""
 
     @property
     def model(self) -> ProcessModel:
@@ -64,7 +64,7 @@ class TuningResult:
 
     @property
     def faster(self) -> float | None:
-        """Return how many times faster the inner loop is than the rest of the outer process; None if not known, or if
+        """The factor by which the inner loop is faster than the remaining outer process; None if it is not known, or if
         the process integrates."""
         if self.inner_time is None or self.model.integrates:
             return None
@@ -79,7 +79,7 @@ class TuningResult:
 
     @cached_property
     def steps(self) -> dict[str, PredictedStep]:
-        """The predicted step of the setpoint with each set, by its name."""
+        """The predicted step of the setpoint with each set, by the name of the set."""
         model, dt = self.model, self.facts.dt
         crossover = self.set_of(BALANCED).margins.crossover
         duration = STEP_TIMES / crossover if crossover else 10.0 * (model.dead_time + max(model.lags, default=1.0))
@@ -87,7 +87,7 @@ class TuningResult:
         return {each.name: predicted_step(model, each.gains, dt, duration) for each in stable}
 
     def doubt(self, name: str) -> list[PredictedStep]:
-        """The predicted steps with a set, of some of the models that fit as well."""
+        """Return the predicted steps with a set for some of the models that fit equally well."""
         found = self.identified.as_good if self.axis is None else self.axis.as_good
         stable = [each for each in found if not each.structure.unstable]
         times, gains = self.steps[name].times, self.set_of(name).gains
@@ -96,8 +96,9 @@ class TuningResult:
 
 
 def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, derivative: bool = False) -> TuningResult:
-    """Find the model and the gains. `relay`: the response is that of a relay. `derivative`: the gains may have one,
-    also if the law has none now. Raises RangeError if nothing can be learnt from the response, with the reason."""
+    """Find the model and the gains. `relay`: whether the response is that of a relay experiment. `derivative`: whether
+    the gains may have a derivative, even if the law has none now. Raises RangeError, with the reason, if no model can
+    be found from the response."""
     response.check_moved(facts.resolution, facts.actuator, facts.sensor)
     cycles = relay_cycles(response, facts.present.gain >= 0.0) if relay else None
     identified = identify(response, sign=facts.present.gain)
@@ -109,8 +110,8 @@ def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, deri
 
 
 def check_tunable(identified: Identified) -> None:
-    """Check that gains can be given. Raises RangeError if a `PID` should not be tuned for such a process, or if the
-    process is not linear."""
+    """Check that gains can be recommended. Raises RangeError if a `PID` should not be tuned for such a process, or if
+    the process is not linear."""
     model = identified.model
     if identified.unexplained > MOST_UNEXPLAINED:
         raise RangeError(
@@ -141,7 +142,7 @@ def check_tunable(identified: Identified) -> None:
 
 
 def residence_time(model: ProcessModel) -> float:
-    """The average residence time of a process that does not integrate, s."""
+    """Return the average residence time of a process that does not integrate, s."""
     return model.dead_time + sum(model.lags)
 
 

@@ -1,4 +1,4 @@
-"""The kinds of injected faults: what each does to a transfer, in raw integers."""
+"""The kinds of injected faults, each with its effect on a transfer, in raw integers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Effect:
 
     text: str
     channel: Channel | None = None
-    """The channel that it is about; None means the whole driver."""
+    """The channel that the fault concerns; None means the whole driver."""
     output: bool = False
     begin: float = 0.0
     end: float = inf
@@ -32,7 +32,7 @@ class Effect:
     """The reason why transfers of the channel fail; empty if they do not."""
     share: float = 1.0
     short: bool = False
-    """True if a block transfer ends before the channel, so that this one and the following ones are not read, or not
+    """True if a block transfer ends before the channel, so that this channel and the following ones are not read or
     written."""
     mistake: bool = False
     """True if the code of the driver raises an exception that is not an error of a device."""
@@ -46,11 +46,11 @@ class Effect:
         self.random.seed(f"{words} {again}" if again else words)
 
     def set_in(self, level: int | None) -> None:
-        """Begin the fault. `level` is the raw integer that the output has; None for an input, or an output that was
-        never written."""
+        """Begin the fault. `level` is the raw integer that the output has; None for an input, and for an output that
+        was never written."""
 
     def lost(self) -> str:
-        """Return why this transfer of the channel fails; empty if it does not."""
+        """Return the reason why this transfer of the channel fails; empty if it does not fail."""
         return self.loss if self.loss and self.random.random() < self.share else ""
 
     def changed(self, raw: int, since: float) -> int:
@@ -60,7 +60,8 @@ class Effect:
 
 @dataclass(eq=False, kw_only=True)
 class Stuck(Effect):
-    """A sensor reads, or an actuator stays at, the level at the beginning of the fault, or a given level."""
+    """A fault in which a sensor reads, or an actuator stays at, the level at the beginning of the fault or a given
+    level."""
 
     given: int | None = None
 
@@ -75,7 +76,8 @@ class Stuck(Effect):
 
 @dataclass(eq=False, kw_only=True)
 class BitFlip(Effect):
-    """A fault that inverts one bit, the same bit in every transfer. Without a number the seed decides which."""
+    """A fault that inverts one bit, the same bit in every transfer. If the number of the bit is not given, the seed
+    determines the bit."""
 
     bit: int | None = None
 

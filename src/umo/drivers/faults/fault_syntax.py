@@ -1,4 +1,4 @@
-"""Injected faults as text: `PATH KIND [amount] [at TIME] [for TIME]`."""
+"""The text form of injected faults: `PATH KIND [amount] [at TIME] [for TIME]`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _TEXT = re.compile(r"(?P<head>.*?)(?:\s+at\s+(?P<at>.+?))?(?:\s+for\s+(?P<for>.+
 class InjectedFault:
     """A fault that is injected on purpose: `InjectedFault("z.encoder", "noise", "20 um", at=1.0, for_=2.0)`.
 
-    `str` gives it as text, as wirings and `umo run --fault` take it: "z.encoder noise 20 um at 1 s for 2 s". Raises
+    `str` returns the text that wirings and `umo run --fault` accept: "z.encoder noise 20 um at 1 s for 2 s". Raises
     DeclarationError for an invalid kind, amount or time.
     """
 
@@ -44,7 +44,7 @@ class InjectedFault:
     amount: str | float = ""
     """Amount with a unit, or in raw steps as a number without a unit. Empty for the default of the kind."""
     at: float | str = 0.0
-    """Time at which it begins: s, or a text such as "30 ms"."""
+    """The time at which the fault begins: s, or a string such as "30 ms"."""
     for_: float | str = inf
     """Duration, in the form of `at`. Default: to the end of the run."""
 
@@ -65,7 +65,7 @@ class InjectedFault:
 
     @classmethod
     def parse(cls, text: str) -> InjectedFault:
-        """The fault that a text describes."""
+        """Return the fault that a text describes."""
         found = _TEXT.fullmatch(text.strip())
         head = found["head"].split() if found else []
         if found is None or len(head) < 2:

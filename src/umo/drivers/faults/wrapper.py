@@ -30,8 +30,8 @@ class HasNow(Protocol):
 
 
 class Injection:
-    """The faults of one machine. None is in effect before the machine is connected and has set its clock, so that the
-    guardian resets the machine without them."""
+    """The faults of one machine. No fault is in effect before the machine is connected and has set its clock, so that
+    the guardian resets the machine without faults."""
 
     def __init__(self, texts: Sequence[str], seed: int, waits: bool) -> None:
         self.texts, self.seed, self.waits = tuple(texts), seed, waits
@@ -39,11 +39,11 @@ class Injection:
         self.clock: HasNow | None = None
         self.drivers: list[FaultyDriver] = []
         self.tells = True
-        """True if the beginning and end of faults are logged, which the control process does, but not a worker
-        process."""
+        """True if the beginning and the end of faults are logged. The control process logs them, a worker process does
+        not."""
         self.say: Callable[[Callable[[], str]], object] = _log
-        """Function that logs a line, given as a function that formats it, so that a machine can do that after the
-        outputs of its period are sent."""
+        """The function that logs a line. Its argument is a function that formats the line, so that a machine can log it
+        after the outputs of its period are sent."""
 
     @property
     def active(self) -> int:
@@ -51,7 +51,7 @@ class Injection:
         return sum(len(driver.active()) for driver in self.drivers)
 
     def end(self) -> bool:
-        """End all faults, at the end of the run. Return whether one that concerns outputs was in effect."""
+        """End all faults at the end of the run. Return whether a fault that concerns outputs was in effect."""
         ended = [effect for driver in self.drivers for effect in driver.end()]
         self.clock = None
         return any(effect.output or effect.channel is None for effect in ended)
@@ -67,8 +67,8 @@ def _said(what: str, effect: Effect, now: float) -> str:
 
 
 class FaultyDriver(Wrapper, Looks):
-    """A driver with faults on some of its channels. All else is that of the driver. It always has `look`, because a
-    fault may keep the device from being found."""
+    """A driver with faults on some of its channels. Everything else is as in the wrapped driver. A FaultyDriver always
+    has `look`, because a fault may prevent the device from being found."""
 
     def __init__(self, driver: Driver[Any], effects: Sequence[Effect], injection: Injection) -> None:
         super().__init__(driver)
@@ -165,7 +165,7 @@ class FaultyDriver(Wrapper, Looks):
         return answers_for_device(self.driver)
 
     def look(self) -> bool | None:
-        """Look for the device. A fault that makes calls fail keeps it from being found."""
+        """Look for the device. A fault that makes calls fail prevents the device from being found."""
         acting = self.active()
         if any(effect.takes >= self.timeout for effect in acting):
             return False

@@ -43,10 +43,10 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
 
     `open` unpacks the file into a temporary folder, loads its library and initialises the model: every opening begins
     at the model's start time. Values are set and read between steps, all of one type in one call of FMI. The raw
-    integer of a float has 48 bits with its sign; readings are rounded, half to even. Where the model description has
-    a unit that pint knows, a wiring is checked against SCALE in that unit.
+    integer of a float has 48 bits with its sign; readings are rounded, half to even. If the model description has a
+    unit that pint knows, a wiring is checked against SCALE in that unit.
 
-    Errors: DriverError with the model's own message. After an error, or a step that it could not complete, the model
+    Errors: DriverError with the message of the model. After an error, or a step that it could not complete, the model
     cannot be used until it is opened again. A value that is NaN, infinite or too large fails for its channel alone. A
     call into a model cannot be interrupted: `timeout` does not bound it.
     """
@@ -74,7 +74,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
         return channel_of(self._description, text)
 
     def physical_scale(self, channel: FmuChannel) -> PhysicalScale | None:
-        """SCALE in the unit of the model description, if pint knows that unit."""
+        """Return SCALE in the unit of the model description, if pint knows this unit."""
         if channel.scale is None or channel.units is None:
             return None
         return PhysicalScale(channel.scale, 0.0, channel.units)
@@ -113,7 +113,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
     # Transfers -----------------------------------------------------------------------------------
 
     def reset(self, channel: FmuChannel, default: int | None) -> None:
-        """Write the default. A model that has failed has no levels any more, so nothing is written."""
+        """Write the default. A model that has failed has no levels any more; then nothing is written."""
         if not self._opened().lost:
             super().reset(channel, default)
 
@@ -142,8 +142,8 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
         return bool(self._opened().lost)
 
     def report(self) -> Mapping[str, Any]:
-        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None. If the
-        model does not give a value, the reason."""
+        """Return the model's time in s and its outputs, at most 40, in its units; a value that is not finite is None.
+        If the model does not give a value, return the reason instead."""
         instance = self._opened()
         found: dict[str, Any] = {"time_s": round(instance.time, 9)}
         outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]

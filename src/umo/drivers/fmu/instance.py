@@ -1,4 +1,5 @@
-"""A running instance of an FMU: unpacked into a temporary folder, its library loaded, every call of FMI checked."""
+"""A running instance of an FMU. The FMU is unpacked into a temporary folder, its library is loaded, and every call of
+FMI is checked."""
 
 from __future__ import annotations
 
@@ -47,16 +48,16 @@ _logger = fmi2.fmi2CallbackLoggerTYPE(_log)
 
 
 class FmuInstance:
-    """An instance between initialisation and termination. All errors are DriverErrors with the model's own message."""
+    """An instance between initialisation and termination. All errors are DriverErrors with the message of the model."""
 
     def __init__(self, file: Path, description: Any) -> None:
         self.description = description
         self.time = 0.0
         """Time of the model in s, at the end of the last step."""
         self.lost = ""
-        """The reason why the instance cannot be used any more; empty if it can."""
+        """The reason why the instance cannot be used any more; empty if it can be used."""
         self.ended = False
-        """True if it cannot be used because the model has requested the end of the simulation."""
+        """True if the instance cannot be used because the model has requested the end of the simulation."""
         self._status = 0
         """Status of the last call that failed."""
         self._is3 = description.fmiVersion.startswith("3.")
@@ -77,7 +78,7 @@ class FmuInstance:
     # Life ----------------------------------------------------------------------------------------
 
     def start(self, start_values: Mapping[str, float | str]) -> None:
-        """Initialise the model with these start values; then its time is the start time."""
+        """Initialise the model with these start values; then the time of the model is its start time."""
         experiment = self.description.defaultExperiment
         self.time = float(experiment.startTime or 0.0) if experiment else 0.0
         tolerance = float(experiment.tolerance) if experiment and experiment.tolerance else None
@@ -122,7 +123,7 @@ class FmuInstance:
         return float(last.value) if ended.value else None
 
     def close(self) -> None:
-        """End the instance, unload its library, remove its folder. Calls that FMI forbids after an error are left
+        """End the instance, unload its library and remove its folder. Calls that FMI forbids after an error are left
         out."""
         try:
             self._let_go_of_python()
@@ -148,8 +149,9 @@ class FmuInstance:
     # Transfers -----------------------------------------------------------------------------------
 
     def transfer(self, verb: str, kind: str, references: Sequence[int], buffer: Any) -> Callable[[], object]:
-        """Return the call of FMI's own function, such as fmi2GetReal, that gets or sets the values of these variables,
-        for `call`. Its arguments are prepared: FMPy's functions convert theirs with each call."""
+        """Return a call for `call` of the FMI function, such as fmi2GetReal, that gets or sets the values of these
+        variables. Its arguments are prepared once, whereas the functions of FMPy convert their arguments in each
+        call."""
         name, number = f"{self._prefix}{verb}{kind}", len(references)
         function = self._fmu.dll[name]  # in brackets it is a new one, which shares nothing with FMPy's
         function.errcheck = partial(_check_status, name)
@@ -158,7 +160,7 @@ class FmuInstance:
         return partial(function, *arguments, *([c_size_t(len(buffer))] if self._is3 else []))
 
     def buffer(self, kind: str, size: int) -> Any:
-        """Memory for a number of values of a type."""
+        """Return memory for a number of values of a type."""
         return (self._type(kind) * size)()
 
     def _type(self, name: str) -> Any:
@@ -167,13 +169,13 @@ class FmuInstance:
 
     @property
     def readable(self) -> bool:
-        """True if its variables can be read: it has not failed; it may have ended."""
+        """True if the variables can be read: if the instance has not failed. It may have ended."""
         return self.ended or not self.lost
 
     def value(self, variable: Any) -> Any:
-        """The present value of a variable, in its unit, as plain data: a list for an array, hexadecimal digits for
-        bytes. None if it is not finite, for a clock, and for an array of more than 1,000 numbers. A model that has
-        ended still has its last values."""
+        """Return the present value of a variable, in its unit, as plain data: a list for an array, hexadecimal digits
+        for bytes. Return None for a value that is not finite, for a clock, and for an array of more than 1,000 numbers.
+        A model that has ended still has its last values."""
         kind = kind_of(self.description, variable)
         shape = shape_of(self.description, variable)
         number = prod(shape)
@@ -189,7 +191,7 @@ class FmuInstance:
         return arranged([_plain(each, kind) for each in buffer], shape)
 
     def call(self, function: Any, *arguments: Any) -> Any:
-        """A call of FMI. Raises DriverError if the model refuses it, has failed before or has ended."""
+        """Make a call of FMI. Raises DriverError if the model refuses it, has failed before or has ended."""
         if self.lost:
             raise DriverError(self.lost)
         return self._call(function, *arguments)

@@ -1,4 +1,4 @@
-"""What an FMU declares: the variables of its model description as channels. None of its code runs."""
+"""The declarations of an FMU: the variables of its model description as channels. No code of the FMU is run."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from umo.text import COMPARED_NAMES, others
 
 TICK = "tick"
 FLOAT_BITS = 48
-"""Bits of a float's raw integer, with its sign. After multiplying by a scale and dividing by it in doubles, each
-integer is unchanged."""
+"""Bits of a float's raw integer, with its sign. If such an integer is multiplied by a scale and divided by it in
+doubles, it is unchanged."""
 FLOATS = ("Real", "Float64", "Float32")
 INTEGERS: Mapping[str, tuple[int, bool]] = {
     "Boolean": (1, False),
@@ -35,9 +35,9 @@ INTEGERS: Mapping[str, tuple[int, bool]] = {
 SETTABLE = ("input", "parameter")
 LISTED_NAMES = 6
 ANY_CHANNEL = "?"
-"""A text that names no channel, with which `umo device drivers` requests the forms; the answer has all variables."""
+"""A text that names no channel. With it `umo device drivers` requests the forms; the answer has all variables."""
 MAX_UNIT_LENGTH = 40
-"""Largest number of characters of a unit: a longer one is ignored."""
+"""The largest number of characters of a unit. A longer unit is ignored."""
 _FACTOR = r"(?:1|[^\W\d_]+(?:\^?-?\d)?)"
 _PRODUCT = rf"{_FACTOR}(?:[.*/]{_FACTOR})*"
 _UNIT = re.compile(rf"{_PRODUCT}(?:/\({_PRODUCT}\))?")
@@ -52,7 +52,7 @@ class FmuChannel(Channel):
 
     reference: int = 0
     kind: str = TICK
-    """Type of the variable, as `kind_of` gives it: Real for fmi2GetReal."""
+    """The type of the variable, as `kind_of` returns it: Real for fmi2GetReal."""
     scale: float | None = None
     """For a float: the change of the variable for one raw step."""
     units: str | None = None
@@ -69,7 +69,8 @@ class FmuChannel(Channel):
 
 
 def described(file: Path) -> Any:
-    """FMPy's description of the model. Raises WiringError if the file is not a co-simulation unit of FMI 2.0 or 3.0."""
+    """Return FMPy's description of the model. Raises WiringError if the file is not a co-simulation unit of FMI 2.0 or
+    3.0."""
     try:
         changed = os.stat(file).st_mtime_ns
     except OSError as error:
@@ -107,12 +108,13 @@ def _reason(error: Exception) -> str:
 
 @lru_cache(maxsize=16)
 def variables_of(description: Any) -> Mapping[str, Any]:
-    """FMPy's variables by name, aliases included."""
+    """Return FMPy's variables by name, including aliases."""
     return MappingProxyType({variable.name: variable for variable in description.modelVariables})
 
 
 def channel_of(description: Any, text: str) -> FmuChannel:
-    """The channel of this text: `NAME`, `NAME:SCALE` or `tick`. ChannelError names the nearest variables."""
+    """Return the channel of this text: `NAME`, `NAME:SCALE` or `tick`. Raises ChannelError, which names the nearest
+    variables."""
     variables = variables_of(description)
     if text == TICK:
         return FmuChannel(text, Direction.INPUT, 31)
@@ -234,13 +236,14 @@ def _parted(text: str) -> tuple[str, float | None]:
 
 
 def kind_of(description: Any, variable: Any) -> str:
-    """The type in the names of FMI's functions, which transfer an enumeration as an integer."""
+    """Return the type as in the names of FMI's functions, which transfer an enumeration as an integer."""
     kind: str = variable.type
     return kind if kind != "Enumeration" else "Int64" if description.fmiVersion.startswith("3.") else "Integer"
 
 
 def shape_of(description: Any, variable: Any) -> tuple[int, ...]:
-    """The sizes of an array, () for a single value. If a size is a structural parameter, its start value is used."""
+    """Return the sizes of an array, () for a single value. If a size is a structural parameter, its start value is
+    used."""
     if not variable.dimensions:
         return ()
     starts = {each.valueReference: each.start for each in description.modelVariables}
@@ -249,7 +252,7 @@ def shape_of(description: Any, variable: Any) -> tuple[int, ...]:
 
 
 def arranged(values: list[Any], shape: tuple[int, ...]) -> Any:
-    """Values in the order of FMI, row by row, as nested lists of this shape."""
+    """Return the values, given row by row in the order of FMI, as nested lists of this shape."""
     for size in reversed(shape[1:]):
         values = [values[i : i + size] for i in range(0, len(values), size or 1)]
     return values if shape else values[0]

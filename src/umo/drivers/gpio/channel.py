@@ -22,7 +22,7 @@ BIASES = ("as-is", "disabled", "pull-up", "pull-down")
 DRIVES = ("push-pull", "open-drain", "open-source")
 EDGES = ("rising", "falling", "both")
 MAX_LINES = 63
-"""Largest number of lines of one number: it has 63 bits."""
+"""The largest number of lines that form one number, which has 63 bits."""
 COUNT_BITS = 63
 
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,4}")
@@ -45,7 +45,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class GpioChannel(Channel):
-    """Some lines as one number, of which the first is the lowest bit; or the number of edges of one line."""
+    """Some lines as one number, in which the first line is the lowest bit; or the number of edges of one line."""
 
     lines: tuple[int | str, ...] = ()
     """The lines, by number on the chip or by name."""
@@ -60,7 +60,7 @@ class GpioChannel(Channel):
 
 
 def parse(text: str, defaults: Settings) -> GpioChannel:
-    """The channel that the text names; settings that the text does not give have the defaults."""
+    """Return the channel that the text names; settings that the text does not give have the defaults."""
     what, *words = text.split(" ")
     kind, _, place = what.partition(":")
     settings = defaults
@@ -78,7 +78,7 @@ def parse(text: str, defaults: Settings) -> GpioChannel:
 
 
 def checked(bias: str, drive: str, active_low: bool, debounce: str) -> Settings:
-    """Return the driver's options after a check. WiringError names the valid choices."""
+    """Check the driver's options and return them. Raises WiringError, which names the valid choices."""
     one_of("bias", bias, BIASES)
     one_of("drive", drive, DRIVES)
     truth("active_low", active_low)

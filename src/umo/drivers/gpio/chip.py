@@ -1,4 +1,4 @@
-"""Finding a GPIO chip by its path, name or label."""
+"""The search for a GPIO chip by its path, name or label."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from umo.errors import DriverError
 
 
 def path_of(chip: str) -> str:
-    """The device file of the chip with this path, name or label."""
+    """Return the device file of the chip with this path, name or label."""
     for path in (chip, f"/dev/{chip}"):
         if "/" in path and os.path.exists(path):
             path = os.path.realpath(path)
@@ -25,7 +25,7 @@ def path_of(chip: str) -> str:
 
 
 def named(chip: gpiod.Chip) -> dict[str, list[int]]:
-    """The lines of the chip by their names."""
+    """Return the lines of the chip by their names."""
     found: dict[str, list[int]] = {}
     for offset in range(chip.get_info().num_lines):
         if name := chip.get_line_info(offset).name:

@@ -25,9 +25,9 @@ class Gpio(BlockDriver[GpioChannel]):
     """The lines of one GPIO chip.
 
     Channels: `line:N` or `line:NAME`, a line of the chip by its number or name; `lines:4-11` or `lines:A,B,C`, up to 63
-    lines as one number, the first its lowest bit; `edges:N[:rising|falling|both]`, the number of edges since the
-    channel was initialised (rising edges by default). Words after a space are settings of these lines, for example
-    `line:7 bias=pull-up debounce=5ms`.
+    lines as one number, in which the first line is the lowest bit; `edges:N[:rising|falling|both]`, the number of edges
+    since the channel was initialised (rising edges by default). Words after a space are settings of the lines, for
+    example `line:7 bias=pull-up debounce=5ms`.
 
     Options:
         chip: path, name or label, such as "/dev/gpiochip0", "gpiochip0" or "pinctrl-bcm2835".
@@ -37,10 +37,11 @@ class Gpio(BlockDriver[GpioChannel]):
         debounce: time for which an input must be stable before a change counts, such as "5 ms"; "0 ms": none.
     These are the defaults for all channels.
 
-    A line is an output if its channel is initialised with a default, and comes up at it; else it is an input. `open`
-    takes the lines of the wiring as they are: direction and level change when they are initialised. Lines of the chip
-    that are not in the wiring are not touched. When the driver is closed the kernel releases the lines; their levels
-    are then up to the chip, so an output needs a pull resistor towards its safe level.
+    A line whose channel is initialised with a default is an output, and begins at this default; any other line is an
+    input. `open` takes the lines of the wiring as they are: direction and level of a line change when it is
+    initialised. Lines of the chip that are not in the wiring are not touched. When the driver is closed the kernel
+    releases the lines. The chip then determines their levels, so an output needs a pull resistor towards its safe
+    level.
 
     All lines of a period are transferred by one system call per 64 lines. Source: Documentation/userspace-api/gpio of
     the Linux kernel.
@@ -69,8 +70,8 @@ class Gpio(BlockDriver[GpioChannel]):
         return channel
 
     def devices(self) -> Sequence[str]:
-        """The chip's device file, regardless of how the option names it; a chip that does not exist, as the option
-        names it."""
+        """Return the chip's device file, regardless of how the option names it. If the chip does not exist, return it
+        as the option names it."""
         if self._library is not None:
             from umo.drivers.gpio.chip import path_of
 
@@ -79,7 +80,7 @@ class Gpio(BlockDriver[GpioChannel]):
         return [f"gpio {self.chip}"]
 
     def open(self) -> None:
-        """Take the lines of the wiring as they are. A line that is in use is refused when it is initialised."""
+        """Take the lines of the wiring as they are. A line that is in use is refused later, when it is initialised."""
         if self._library is None:
             raise DriverError(f"the gpio driver needs gpiod: {how_to_install('gpio')}")
         self._lines = self._library.Lines(self.chip)
@@ -92,14 +93,14 @@ class Gpio(BlockDriver[GpioChannel]):
             self._lines = None
 
     def initialize(self, channel: GpioChannel, default: int | None) -> None:
-        """An output goes directly to its default; an input becomes one; a count starts at 0. A line that another
-        process of umo is about to release is waited for within `timeout`."""
+        """Initialise the channel: an output goes directly to its default, an input line is set to input, a count starts
+        at 0. If another process of umo is about to release the line, wait for it within `timeout`."""
         lines = self._begin()
         self._forget()
         self._called(lambda: lines.initialize(channel, default, monotonic() + self.timeout))
 
     def finalize(self, channel: GpioChannel) -> None:
-        """The channel is not used further. A level keeps its direction and value until the driver is closed."""
+        """End the use of the channel. A line keeps its direction and level until the driver is closed."""
         self._forget()
         if self._lines is not None:
             self._lines.finalize(channel)

@@ -1,8 +1,9 @@
-"""The lines of one GPIO chip, through libgpiod; imported only with its Python binding.
+"""The lines of one GPIO chip, through libgpiod. This module is imported only if the Python binding of libgpiod is
+installed.
 
 The lines whose levels are transferred share requests, which are made once, when the chip is opened. Initialising a line
-reconfigures it within its request, so the others keep their levels. Each line whose edges are counted has a request of
-its own.
+reconfigures it within its request, so other lines keep their levels. Each line whose edges are counted has a separate
+request.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class LineTransfer:
         self._counters = [lines.counters.get(each) for each in channels]
         self._bits = [() if each.edges else tuple(index[offset] for offset in lines.offsets(each)) for each in channels]
         self._plain = self._bits == [(i,) for i in range(len(channels))]
-        """Each channel is one line, and they are in the order of the requests."""
+        """True if each channel is one line, and the channels are in the order of the requests."""
 
     def read(self) -> list[int]:
         levels = [1 if value is _ACTIVE else 0 for bank, part in self._parts for value in bank.request.get_values(part)]
@@ -80,7 +81,7 @@ class LineTransfer:
 
 
 class Lines:
-    """The lines of a chip that the driver holds."""
+    """The lines of a chip that a driver holds."""
 
     def __init__(self, chip: str) -> None:
         self.name = self._wanted = chip
@@ -98,8 +99,8 @@ class Lines:
         return self._chip is not None
 
     def connect(self, channels: Iterable[GpioChannel], deadline: float) -> None:
-        """Open the chip, take the lines of these channels as they are, and initialise again the channels that were in
-        use."""
+        """Open the chip, take the lines of these channels as they are, and initialise again any channels that were in
+        use before."""
         self.name = path_of(self._wanted)  # it may have come back under another number
         with opening(self.name):
             self._chip = gpiod.Chip(self.name)
@@ -145,7 +146,7 @@ class Lines:
         return LineTransfer(self, channels)
 
     def offsets(self, channel: GpioChannel) -> list[int]:
-        """The numbers of the channel's lines."""
+        """Return the numbers of the channel's lines."""
         found = [self._offset(line) for line in channel.lines]
         if len(set(found)) != len(found):
             raise DriverError(f"{channel.text} names a line twice")

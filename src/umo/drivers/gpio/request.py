@@ -1,4 +1,5 @@
-"""Requests: sets of lines that one process holds. Imported only with the Python binding of libgpiod."""
+"""Requests: sets of lines that one process holds. This module is imported only if the Python binding of libgpiod is
+installed."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ class Bank:
         self.levels.update(levels)
 
     def configure(self, settings: dict[int, gpiod.LineSettings]) -> None:
-        """Change these lines: the others are passed unchanged, as kernels before 6.11 require."""
+        """Change these lines. The other lines are passed to the kernel unchanged, because kernels before 6.11 require
+        this."""
         for offset, each in self._settings.items():
             each.output_value = self.levels[offset]
         merged = self._settings | settings
@@ -38,8 +40,8 @@ class Bank:
 class EdgeCount:
     """The edges of one line since it was initialised.
 
-    The kernel numbers the edges of a line; the newest event holds their number. So the count is right even after an
-    overflow of the kernel's buffer of events, which drops the oldest.
+    The kernel numbers the edges of a line, and the newest event has the number of edges. So the count is right even
+    after an overflow of the kernel's buffer of events, in which the oldest events are dropped.
     """
 
     def __init__(self) -> None:
@@ -70,7 +72,7 @@ class EdgeCount:
 
 
 def line_settings(settings: Settings, level: Value | None, edges: str = "") -> gpiod.LineSettings:
-    """The settings of a line: an output at this level, or an input."""
+    """Return the settings of a line: an output at this level, or an input."""
     output = level is not None
     return gpiod.LineSettings(
         direction=Direction.OUTPUT if output else Direction.INPUT,

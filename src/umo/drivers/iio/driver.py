@@ -39,8 +39,8 @@ _MAX_FILE_SIZE = 64
 
 @dataclass(frozen=True)
 class IioChannel(Channel):
-    """A channel of the device; its place is the name in the kernel, in both directions. `scale`: the value of one raw
-    integer, of a processed value, or None if the kernel gives raw integers."""
+    """A channel of the device. Its place is the name in the kernel, in both directions. `scale`: for a processed value,
+    the value of one raw integer; None if the kernel gives raw integers."""
 
     name: str = ""
     scale: Decimal | None = None
@@ -50,7 +50,7 @@ class IioChannel(Channel):
         return (self.name,)
 
     def raw(self, text: str) -> int:
-        """The raw integer in a file of the kernel. Raises DriverError if there is none."""
+        """Return the raw integer in a file of the kernel. Raises DriverError if the file contains none."""
         if self.scale is None:
             return _integer(text)
         try:
@@ -65,23 +65,23 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
     """One device of Linux Industrial I/O.
 
     Channels have the kernel's names without `_raw`: `in_voltage0`, `in_voltage1-voltage2`, `in_accel_x` (inputs),
-    `out_voltage0` (both directions). Values are the integers of the kernel's `_raw` files. The kernel's unit is
-    (raw + offset) * scale: where the object has units of the same dimension, the wired resolution and zero_offset
-    must agree with it (`physical_scale`), as far as the device is there when the wiring is checked. Of a chip whose
-    driver in the kernel gives processed values only, `in_temp_input` is the value in the kernel's unit, and
-    `in_pressure_input:0.001` the value divided by this scale, to the nearest integer.
+    `out_voltage0` (both directions). Values are the integers of the kernel's `_raw` files. The kernel's unit is (raw +
+    offset) * scale: if the object has units of the same dimension, the wired resolution and zero_offset must agree with
+    this (`physical_scale`), provided that the device is present when the wiring is checked. If the kernel's driver for
+    a chip gives processed values only, `in_temp_input` is the value in the kernel's unit, and `in_pressure_input:0.001`
+    the value divided by this scale, to the nearest integer.
 
     Options:
         device: name ("ads1015"), label, or number ("iio:device0").
-        trigger: name of a trigger, such as an hrtimer. All input channels of a period then come from one record, taken
-            at one instant. Default: each channel is read for itself.
-        sampling_frequency: of the trigger, or of the device if the trigger has none, in Hz; only with a trigger.
-            Default: as it stands.
+        trigger: name of a trigger, such as an hrtimer. All input channels of a period then come from one record that
+            was taken at one instant. Default: each channel is read separately.
+        sampling_frequency: the frequency in Hz of the trigger, or of the device if the trigger has none; only with a
+            trigger. Default: the frequency is not changed.
         conditioned: channels with a divider, an amplifier or a transducer between the object and the converter: the
-            kernel's scale is not the object's, and is not compared.
+            kernel's scale is not that of the object, so the two are not compared.
 
-    With a trigger a period takes the newest record. A record older than `timeout` is not taken: if the trigger does
-    not fire within it, the call is a DeviceTimeout. Without a trigger, a read takes as long as the kernel's driver
+    With a trigger a period takes the newest record. A record older than `timeout` is not taken: if the trigger does not
+    fire within this time, the call raises DeviceTimeout. Without a trigger, a read takes as long as the kernel's driver
     needs for a conversion; that cannot be interrupted, and the timeout is observed between two channels.
 
     Source: the kernel's Documentation/ABI/testing/sysfs-bus-iio.
@@ -115,12 +115,12 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
         """Open files of raw values, for reading and for writing."""
         self._scan: Scan | None = None
         self._inputs: set[str] = set()
-        """Input channels in use: those of a scan."""
+        """The input channels in use, which are those of a scan."""
 
     # Before open ---------------------------------------------------------------------------------------
 
     def channel(self, text: str) -> IioChannel:
-        """The channel with this text, which must be one of the device, if that is present."""
+        """Return the channel with this text. If the device is present, the channel must be one of its channels."""
         name, colon, given = text.partition(":")
         match = _NAME.fullmatch(name)
         folder = self._there()
@@ -141,7 +141,7 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
         return IioChannel(text, direction, bits, signed, name, scale)
 
     def devices(self) -> Iterable[str]:
-        """The device by its number, or by the given name if it is not present."""
+        """Return the device by its number, or by the given name if the device is not present."""
         folder = self._there()
         return [f"iio {self.device if folder is None else folder.name}"]
 

@@ -1,5 +1,6 @@
-"""Scans of Linux Industrial I/O: with each trigger the kernel puts one record into a buffer, which holds all enabled
-channels of that instant. Source: the kernel's Documentation/iio/iio_devbuf.rst and ABI/testing/sysfs-bus-iio.
+"""Scans of Linux Industrial I/O: with each trigger the kernel puts one record into a buffer. The record has the values
+of all enabled channels at this instant. Source: the kernel's Documentation/iio/iio_devbuf.rst and
+ABI/testing/sysfs-bus-iio.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from umo.duration import duration
 from umo.errors import DeviceTimeout, DriverError
 
 BUFFER_LENGTH = 256
-"""Number of records in the kernel's buffer, which must hold those of one period."""
+"""The number of records in the kernel's buffer, which must have room for the records of one period."""
 
 _TYPE = re.compile(r"(be|le):([su])(\d+)/(\d+)(?:X(\d+))?>>(\d+)")
 
 
 class ScanType(NamedTuple):
-    """Form of a scan element in a record: `le:s12/16>>4` are 12 signed bits, above 4 others, in 16."""
+    """The form of a scan element in a record: `le:s12/16>>4` means 12 signed bits above 4 unused bits, in 16 bits."""
 
     order: Literal["little", "big"]
     signed: bool
@@ -53,14 +54,15 @@ class ScanType(NamedTuple):
 
 @dataclass(frozen=True)
 class ScanLayout:
-    """The record of some enabled channels: each element at a multiple of its own size, in the order of its index."""
+    """The record of some enabled channels: each element is at a multiple of its size; the elements are in the order of
+    their indices."""
 
     places: dict[str, tuple[int, ScanType]]
     size: int
 
     @classmethod
     def of(cls, elements: Iterable[tuple[str, int, ScanType]]) -> ScanLayout:
-        """The layout of elements, each as (channel, index, type)."""
+        """Return the layout of elements, each as (channel, index, type)."""
         places, end, widest = {}, 0, 1
         for name, _, kind in sorted(elements, key=lambda element: element[1]):
             size = kind.storage // 8
@@ -74,7 +76,7 @@ class ScanLayout:
 
 
 def element(folder: Path, channel: str) -> tuple[str, int, ScanType]:
-    """Return a channel's place in a scan. Raises DriverError if it has none."""
+    """Return a channel's place in a scan. Raises DriverError if the channel has none."""
     elements = folder / "scan_elements"
     kind = text_in(elements / f"{channel}_type")
     if not kind:
@@ -127,7 +129,8 @@ class Scan:
         os.close(self._fd)
 
     def newest(self, oldest: float, deadline: float) -> dict[str, int]:
-        """The values of the newest scan, no older than `oldest` s; a DeviceTimeout if there is none by the deadline."""
+        """Return the values of the newest scan, no older than `oldest` s. Raises DeviceTimeout if there is none by the
+        deadline."""
         full = self._drain()
         while full or not self._values or monotonic() - self._taken_at > oldest:
             left = deadline - monotonic()
@@ -153,7 +156,8 @@ class Scan:
 
 
 def trigger_named(name: str) -> Path:
-    """The folder of the trigger; DriverError names those that exist."""
+    """Return the folder of the trigger. Raises DriverError, which names the existing triggers, if there is no such
+    trigger."""
     folders = {text_in(folder / "name"): folder for folder in numbered(sysfs.SYSFS, "trigger")}
     try:
         return folders[one_named("trigger", name, dict.fromkeys(folders, ()))]

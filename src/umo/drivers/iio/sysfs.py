@@ -1,4 +1,4 @@
-"""Devices of Linux Industrial I/O in sysfs: their names, channels, scales and units. Nothing is opened.
+"""Devices of Linux Industrial I/O in sysfs: their names, channels, scales and units. No device is opened.
 
 Names and units are those of the kernel's Documentation/ABI/testing/sysfs-bus-iio.
 """
@@ -43,11 +43,11 @@ UNITS = {
     "energy": (1.0, "J"),
     "electricalconductivity": (1.0, "S/m"),
 }
-"""Factors from the kernel's units to those that pint knows, and these units, by type of channel."""
+"""For each type of channel, the unit that pint knows and the factor from the kernel's unit to this unit."""
 
 
 def find(device: str) -> Path:
-    """The sysfs folder of the device with this name, label or number (`iio:device0`)."""
+    """Return the sysfs folder of the device with this name, label or number (`iio:device0`)."""
     there = {
         folder.name: [text_in(folder / "name"), text_in(folder / "label")] for folder in numbered(SYSFS, "iio:device")
     }
@@ -55,7 +55,7 @@ def find(device: str) -> Path:
 
 
 def channels(folder: Path) -> list[str]:
-    """The channels that have a raw value, and the processed values."""
+    """Return the channels that have a raw value, and the processed values."""
     raw = sorted(file.name.removesuffix("_raw") for file in folder.glob("*_raw") if _DIRECTED.match(file.name))
     return raw + sorted(file.name for file in folder.glob("in_*_input"))
 
@@ -75,8 +75,8 @@ def _units(channel: str) -> tuple[float, str]:
 
 
 def scale_of(folder: Path, channel: str) -> PhysicalScale | None:
-    """Return (raw + offset) * scale in the units of the kernel's ABI; None if the kernel gives no scale, or a type of
-    channel without units."""
+    """Return (raw + offset) * scale in the units of the kernel's ABI; None if the kernel gives no scale, or if the type
+    of the channel has no units."""
     factor, units = _units(channel)
     scale = _attribute(folder, channel, "scale")
     if not factor or not scale:
@@ -103,5 +103,5 @@ def _names(channel: str) -> Iterator[str]:
 
 
 def place(folder: Path) -> str:
-    """The character device of a device's buffers."""
+    """Return the character device of a device's buffers."""
     return str(DEV / os.path.basename(os.path.realpath(folder)))

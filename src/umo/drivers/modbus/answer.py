@@ -1,4 +1,4 @@
-"""Checks the answer to a request, and extracts its values: pure functions, which use no line.
+"""Functions that check the answer to a request and extract its values. They are pure and use no line.
 
 pymodbus does not check lengths and confirmations; values for a machine need these checks. Here, requests and answers
 consist of unit, function and data, which TCP and serial lines have in common.
@@ -19,15 +19,15 @@ GATEWAY_EXCEPTIONS = (10, 11)
 
 
 class Recovering(Lost):
-    """Raised if the unit must not be asked yet; its text gives the reason."""
+    """The unit must not be asked yet; the text gives the reason."""
 
 
 class Refused(DriverError):
-    """The device answered with an exception, or this request was not sent: other requests may succeed."""
+    """The device answered with an exception, or this request was not sent. Other requests may succeed."""
 
 
 def answer_size(request: bytes) -> int:
-    """Number of bytes of the normal answer to a request."""
+    """Return the number of bytes of the normal answer to a request."""
     return 3 + _data_size(request) if _reads(request) else 8 if request[1] == MASK_WRITE else 6
 
 
@@ -43,14 +43,14 @@ def check(request: bytes, answer: bytes) -> None:
 
 
 def cells_of(answer: bytes) -> Sequence[int]:
-    """The cells of a checked answer: registers, or bits, including those that fill its last byte."""
+    """Return the cells of a checked answer: registers, or bits including those that fill the last byte."""
     if answer[1] <= 2:
         return [byte >> bit & 1 for byte in answer[3:] for bit in range(8)]
     return unpack_from(f">{answer[2] // 2}H", answer, 3)
 
 
 def check_start(request: bytes, answer: bytes) -> None:
-    """Check the beginning of an answer. Raises Lost if it belongs to another request."""
+    """Check the beginning of an answer. Raises Lost if the answer belongs to another request."""
     unit, function = request[0], request[1]
     if answer and answer[0] != unit:
         raise Lost(f"an answer of unit {answer[0]} in place of {unit}")
@@ -61,7 +61,7 @@ def check_start(request: bytes, answer: bytes) -> None:
 
 
 def answer_starts(request: bytes) -> tuple[bytes, bytes]:
-    """The first bytes of the answer to a request, and of an exception answer to it."""
+    """Return the first bytes of the answer to a request, and of an exception answer to it."""
     third = _data_size(request) if _reads(request) else request[2]
     return bytes([*request[:2], third]), bytes([request[0], request[1] | 0x80])
 

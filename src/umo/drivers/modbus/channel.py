@@ -19,10 +19,10 @@ HIGHEST_ADDRESS = 65535
 
 @dataclass(frozen=True, eq=False)  # one object per table, compared and hashed by identity
 class Table:
-    """One of the four tables, with the most cells one request may carry (Modbus specification V1.1b3).
+    """One of the four tables, with the largest number of cells in one request (Modbus specification V1.1b3).
 
-    `bridge` is the widest gap of unused cells that costs less to read than another request does. `full`: the content of
-    a cell with all of its bits.
+    `bridge` is the widest gap of unused cells that takes less time to read than another request. `full`: the content of
+    a cell with all of its bits set.
     """
 
     name: str
@@ -41,8 +41,8 @@ TABLES = {table.name: table for table in (COIL, DISCRETE, HOLDING, INPUT)}
 
 
 class Type(NamedTuple):
-    """Type of the content of registers. `bits`: width of the raw integer; for a float, of the integers that it holds
-    exactly."""
+    """Type of the content of registers. `bits`: the width of the raw integer; for a float, the width of the integers
+    that it can hold exactly."""
 
     cells: int
     bits: int
@@ -58,7 +58,7 @@ TYPES = {
 }
 ORDERS = {"ABCD": (False, False), "CDAB": (True, False), "BADC": (False, True), "DCBA": (True, True)}
 """Orders of a value's bytes on the line, A the highest: whether the low word comes first, and whether the low byte of
-each word comes first. For 64 bits, all four words follow the order of the two."""
+each word comes first. For 64 bits, all four words have the order of the two words of 32 bits."""
 SINGLE_ORDERS = {"AB": (False, False), "BA": (False, True)}
 """The byte orders of a single register."""
 FORMS = (
@@ -88,10 +88,10 @@ _TEXT = re.compile(
 class ModbusChannel(Channel):
     """A channel and its place: `cells` cells of its table from `address`.
 
-    The raw integer of a float is the nearest to its value divided by `scale`, which is 0 where there is no float. The
-    channel's bits are those that a float carries exactly: 24 or 52. `little`: the low word has the lower address;
-    `swapped`: the low byte of each register comes first. `low`: the lowest of the bits that a field has of its
-    registers, or None if the channel has all of them.
+    The raw integer of a float is the nearest one to its value divided by `scale`. `scale` is 0 for other types. The
+    number of bits of a float channel is that of the integers that the float can hold exactly: 24 or 52. `little`: the
+    low word has the lower address; `swapped`: the low byte of each register comes first. `low`: the lowest bit of a
+    field in its registers; None if the channel has all bits of its registers.
     """
 
     table: Table = COIL
@@ -103,7 +103,7 @@ class ModbusChannel(Channel):
     swapped: bool = False
     low: int | None = None
     masked: bool = False
-    """A field is written by function 22, which leaves the other bits of its register alone."""
+    """True if a field is written by function 22, which does not change the other bits of its register."""
     uncut: ModbusChannel | None = field(default=None, compare=False, repr=False)
     """For a field, the channel with all registers of its value."""
 
@@ -113,7 +113,7 @@ class ModbusChannel(Channel):
 
     @property
     def plain(self) -> bool:
-        """True if its raw integer is the content of one cell, except for the sign."""
+        """True if the raw integer of the channel is the content of one cell, except for the sign."""
         return self.cells == 1 and self.low is None and not self.swapped
 
     @property
@@ -137,13 +137,13 @@ class ModbusChannel(Channel):
 
     @property
     def masks(self) -> list[int]:
-        """The bits that it has of each of its cells."""
+        """The bits that belong to the channel in each of its cells."""
         if self.table.full == 1:
             return [1]
         return self._laid((1 << 16 * self.cells) - 1 if self.low is None else (1 << self.bits) - 1 << self.low)
 
     def raw(self, words: Sequence[int]) -> int:
-        """The raw integer that its registers hold. Raises DriverError for one that is not of 64 bits with a sign."""
+        """Return the raw integer that its registers hold. Raises DriverError if it does not fit 64 bits with a sign."""
         if self.scale:
             return self._rounded(self.number(words), words)
         raw = int(self.number(words))
@@ -151,7 +151,7 @@ class ModbusChannel(Channel):
         return raw
 
     def number(self, words: Sequence[int]) -> float:
-        """The number that its registers hold, without division by a scale."""
+        """Return the number that its registers hold, without division by a scale."""
         whole = 0
         for word in reversed(words) if self.little else words:
             whole = whole << 16 | (_exchanged(word) if self.swapped else word)
@@ -163,15 +163,15 @@ class ModbusChannel(Channel):
         return whole - (1 << self.bits) if self.signed and whole >> (self.bits - 1) else whole
 
     def words(self, raw: int) -> list[int]:
-        """Contents of its registers for a raw integer, with 0 in the bits that do not belong to the channel. Raises
-        DriverError for one beyond its range."""
+        """Return the contents of the registers for a raw integer, with 0 in the bits that do not belong to the channel.
+        Raises DriverError for a raw integer beyond the channel's range."""
         self.fit(raw)
         if self.scale:
             return self._laid(int.from_bytes(struct.pack(self._packing, raw * self.scale), "big"))
         return self._laid(raw if self.low is None else (raw & (1 << self.bits) - 1) << self.low)
 
     def in_each_order(self, words: Sequence[int]) -> str:
-        """The number that these registers hold, in each order of their bytes: "ABCD 238.7 (wired), CDAB ..."."""
+        """Return the numbers that these registers hold in each order of their bytes: "ABCD 238.7 (wired), CDAB ..."."""
         shown = []
         for name, (little, swapped) in (ORDERS if self.cells > 1 else SINGLE_ORDERS).items():
             number = replace(self, little=little, swapped=swapped).number(words)
@@ -205,8 +205,8 @@ def _exchanged(word: int) -> int:
 
 
 def parse(text: str, *, little: bool = False, swapped: bool = False, unit: int = 1) -> ModbusChannel:
-    """The channel that the text names; `little`: the low word of several comes first; `swapped`: the low byte of each
-    register comes first; both apply if the text gives no order."""
+    """Return the channel that the text names. `little`: the low word of several comes first. `swapped`: the low byte of
+    each register comes first. Both settings apply if the text gives no order."""
     match = _TEXT.fullmatch(text)
     if match is None:
         raise ChannelError(text, FORMS)

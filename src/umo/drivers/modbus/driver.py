@@ -33,50 +33,54 @@ _DEFAULT = Host("127.0.0.1", 502, "modbus tcp"), Serial("", 19200, "even")
 
 
 class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
-    """One unit of a Modbus device, on TCP or on a serial line (RTU). Several units: one driver for each.
+    """One unit of a Modbus device, on TCP or on a serial line (RTU). A device with several units needs a driver for
+    each.
 
     Channels: `coil:N` and `holding:N[:TYPE]` (both directions), `discrete:N` and `input:N[:TYPE]` (inputs). TYPE is
     uint16 (default), int16, uint32, int32, uint64, int64, or float32:SCALE and float64:SCALE, whose raw integer is the
     value divided by the scale, rounded. 32 bits take the registers N and N + 1, 64 bits N to N + 3. N is the protocol's
-    address, 0 to 65535, counted from 0; many manuals count from 1 and put the table before it. An order of bytes (ABCD,
-    CDAB, BADC, DCBA, of one register AB, BA) may follow, and then the bits of an integer: `holding:10.9`,
+    address, 0 to 65535, counted from 0; many manuals count from 1 and put the number of the table in front. An order of
+    bytes (ABCD, CDAB, BADC, DCBA, of one register AB, BA) may follow, and then the bits of an integer: `holding:10.9`,
     `holding:10.11:8`, `input:4:uint32:CDAB.17`.
 
     Options:
         host: a TCP device or gateway; a host name is looked up once, by `open`. Default: 127.0.0.1.
-        port: its TCP port. Default: 502.
+        port: the TCP port. Default: 502.
         serial: the device file of a serial line, in place of host and port.
-        baudrate: of the serial line, in bit/s. Default: 19200.
-        parity: of the serial line: "even", "odd", "none", "mark" or "space". Default: "even".
-        stop_bits: of a character on the serial line, 1 or 2. Default: 1.
+        baudrate: the speed of the serial line in bit/s. Default: 19200.
+        parity: the parity of the serial line: "even", "odd", "none", "mark" or "space". Default: "even".
+        stop_bits: the stop bits of a character on the serial line, 1 or 2. Default: 1.
         echo: the adapter of the serial line repeats what is sent. Without this option, writes (functions 5, 6, 22) of a
             driver that reads nothing are confirmed by their own echo.
         rs485: the kernel switches the direction of the line, for a UART whose circuit does not.
         unit: 1 to 247. TCP takes 0 to 255: a device that is not a gateway often has 0 or 255.
-        answers_as: the unit in the answers of a gateway on TCP that does not repeat the one that was asked, 0 or 255.
+        answers_as: the unit in the answers of a gateway on TCP that does not repeat the unit of the request: 0 or 255.
         word_order: which word of a wider value has the lowest address, the "big" (high) or the "little".
         byte_order: which byte of each register comes first, the "big" (high), as the protocol has it, or the "little".
-        mask_write: bits of registers are written by function 22, which leaves the others as they are. Default: off,
-            since many devices do not have the function: the register is written, its other bits as this driver wrote
-            them last, and before that, or after the connection was lost, as the unit has them.
+        mask_write: bits of registers are written by function 22, which does not change the other bits. Default: off,
+            because many devices do not have this function. Then the whole register is written. Its other bits are those
+            that this driver wrote last or, before the first write and after the connection was lost, those that the
+            unit has.
         watchdog_register: the holding register that takes the watchdog's time in ms, if there is one.
-        bridge_gaps: read over up to 16 unused registers or 64 unused bits where that saves a request. Default:
-            off, since a device may answer exception 2 to an address that it does not have.
-        read_write: write registers by function 23, which reads them back: a value that the unit did not take is
-            an error. Default: off, since many devices do not have the function.
+        bridge_gaps: read across up to 16 unused registers or 64 unused bits if this saves a request. Default: off,
+            because a device may answer exception 2 to an address that it does not have.
+        read_write: write registers by function 23, which reads them back: a value that the unit did not take is an
+            error. Default: off, because many devices do not have this function.
         skip_unchanged: a request of a period is not sent if the unit confirmed the same values less than this time ago,
             such as "200 ms". Default: every period sends everything.
-        recovery: serial lines: after a request failed, the unit is not asked for the same function again for this
-            time. It should be longer than the unit's longest time to answer. Default: "250 ms".
+        recovery: on serial lines, the time after a failed request in which the unit is not asked for the same function
+            again. It should be longer than the unit's longest time to answer. Default: "250 ms".
         pause: time between an answer and the next request that the unit needs. Default: none.
-        boot_time: TCP: time that the device needs from the connection to the first request. Default: none.
-        max_registers: registers of one request at most, where the device takes fewer than the protocol: 1 to 125.
-        write_multiple: also a single coil or register is written by function 15 or 16, for a device without 5 and 6.
+        boot_time: on TCP, the time that the device needs from the connection to the first request. Default: none.
+        max_registers: the largest number of registers in one request, for a device that takes fewer than the protocol
+            permits: 1 to 125.
+        write_multiple: write also a single coil or register by function 15 or 16, for a device without functions 5
+            and 6.
 
-    All channels of a period move in as few requests as their addresses allow: the cells of one table that
-    follow each other in one request, up to the protocol's maxima. Only addressed cells are written.
-    A single coil or register is written with function 5 or 6, several with 15 or 16: the functions that most
-    devices support. The fields of one register are one transfer.
+    All channels of a period are transferred in as few requests as their addresses allow: consecutive cells of one table
+    share a request, up to the protocol's maxima. Only addressed cells are written. A single coil or register is written
+    with function 5 or 6, several with 15 or 16: the functions that most devices support. The fields of one register are
+    one transfer.
 
     Each call returns within `timeout`, including all of its requests and a reconnection if needed. There is no
     retry: after a write timed out, it is not known whether the device carried it out. On TCP, after any failure except
@@ -154,7 +158,8 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         return replace(channel, masked=True) if self._mask_write and channel.low is not None else channel
 
     def devices(self) -> Sequence[str]:
-        """The host's addresses and port, or the device file; without the unit, as units share the device."""
+        """Return the host's addresses and port, or the device file; without the unit, because units share the
+        device."""
         return self.place.devices()
 
     def open(self) -> None:
@@ -172,8 +177,8 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
             self._connection = None
 
     def initialize(self, channel: ModbusChannel, default: int | None) -> None:
-        """On a serial line a sensor waits for the end of the recovery that follows opening the line, so that the first
-        reading of a machine is not refused."""
+        """Initialise the channel. On a serial line, for a sensor, wait for the end of the recovery that follows opening
+        the line, so that the first reading of a machine is not refused."""
         if default is None:
             self._begin().recover(self.timeout)
         else:
@@ -188,8 +193,8 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         self._write(channels, raws.tolist(), skip=self._skip > 0)
 
     def inspect(self, channel: ModbusChannel) -> str:
-        """Return the registers of the channel (for a field, those of its whole value), and its number in each order of
-        their bytes; nothing for a bit of the unit."""
+        """Return the registers of the channel (for a field, the registers of the whole value), and the number in each
+        order of bytes; empty for a coil or a discrete input."""
         if channel.table.full == 1:
             return ""
         whole = channel.uncut or channel
@@ -214,8 +219,8 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
             raise DriverError(f"{together}, are not shorter than the watchdog, {duration_text(seconds)}")
 
     def look(self) -> bool | None:
-        """Look for the unit: ask it for cells that are read anyway, or, if nothing is read, for cells that are written.
-        On a serial line shared by several units this is not possible without waiting."""
+        """Look for the unit: read cells that are read anyway or, if nothing is read, cells that are written. On a
+        serial line that several units share, this is not possible without waiting."""
         if self._connection is None:
             return False
         self._forget()

@@ -1,5 +1,5 @@
-"""The fewest requests that serve a period's channels, and the writes that may be left out; it uses neither a device nor
-a clock."""
+"""The fewest requests that serve a period's channels, and the writes that may be left out. This module uses neither a
+device nor a clock."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MAX_REMEMBERED = 256
 
 @dataclass(frozen=True)
 class Item:
-    """A channel, its place among the values of the call, and the place of its first cell in the request."""
+    """A channel, its index among the values of the call, and the index of its first cell in the request."""
 
     place: int
     offset: int
@@ -29,7 +29,7 @@ class Item:
 
 
 class Single(NamedTuple):
-    """A channel with one whole cell, with the data needed in every period; `sign` is its sign bit, or 0."""
+    """A channel that is one whole cell, with the data needed in every period. `sign` is its sign bit, or 0."""
 
     place: int
     offset: int
@@ -47,11 +47,11 @@ class Request:
     count: int
     items: tuple[Item, ...]
     singles: tuple[Single, ...] = field(default=(), compare=False)
-    """The channels with one whole cell."""
+    """The channels that are one whole cell."""
     places: slice | list[int] = field(default_factory=list, compare=False)
-    """The places of these channels among the values."""
+    """The indices of these channels among the values."""
     others: tuple[Item, ...] = field(default=(), compare=False)
-    """The channels with more cells, with a field of one, or with another order of bytes."""
+    """The channels that have several cells, are a field of a cell, or have another order of bytes."""
     masks: tuple[int, ...] = field(default=(), compare=False)
     """The bits of each cell that belong to the channels."""
     partial: tuple[int, ...] = field(default=(), compare=False)
@@ -64,7 +64,7 @@ class Request:
         return f"{self.table.cells}s {self.address} to {self.address + self.count - 1}"
 
     def decode(self, cells: Sequence[int], out: IntArray) -> None:
-        """Put the values of an answer's cells into their places of `out`. ChannelsFailed names the channels whose cells
+        """Store the values of an answer's cells in `out`. Raises ChannelsFailed, which names the channels whose cells
         do not hold a raw integer."""
         # two's complement; sign 0 leaves the value alone
         out[self.places] = [(cells[offset] ^ sign) - sign for _, offset, sign, _, _ in self.singles]
@@ -82,8 +82,8 @@ class Request:
             raise ChannelsFailed(failed)
 
     def encode(self, raws: Sequence[int]) -> list[int]:
-        """The cells that carry these values, 0 in all other bits; a value that does not fit is an error, never cut
-        off."""
+        """Return the cells that carry these values, with 0 in all other bits. A value that does not fit is an error; it
+        is never cut off."""
         cells = [0] * self.count
         for place, offset, _, lowest, highest in self.singles:
             raw = raws[place]
@@ -96,7 +96,7 @@ class Request:
         return cells
 
     def completed(self, cells: Sequence[int], contents: Mapping[int, int]) -> list[int]:
-        """The cells, completed with the other bits of partial ones from the contents of registers by their
+        """Return the cells. The other bits of partial cells are taken from the contents of registers by their
         addresses."""
         whole = list(cells)
         for offset in self.partial:
@@ -104,12 +104,12 @@ class Request:
         return whole
 
     def span(self, offsets: Sequence[int]) -> Request:
-        """The reading of the cells between these offsets, the first and the last included."""
+        """Return the request that reads the cells from the first to the last of these offsets, including both."""
         return Request(self.table, self.address + offsets[0], offsets[-1] - offsets[0] + 1, ())
 
     def check_taken(self, cells: Sequence[int], read_back: Sequence[int]) -> None:
-        """Check the values that were read back. ChannelsFailed names the channels whose cells differ from the written
-        ones."""
+        """Check the values that were read back. Raises ChannelsFailed, which names the channels whose cells differ from
+        the written ones."""
         failed: dict[str, str] = {}
         for item in self.items:
             masks = item.channel.masks
@@ -127,7 +127,8 @@ _Key = tuple[str, int, int, tuple[int, ...]]
 
 
 def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False, most_registers: int = 125) -> Requests:
-    """The reads that serve all the channels: runs of one table, over small gaps too if `bridge_gaps`."""
+    """Return the reads that serve all the channels: consecutive cells of one table, and across small gaps if
+    `bridge_gaps` is True."""
 
     def joins(end: int, channel: ModbusChannel) -> bool:
         return channel.address <= end + (channel.table.bridge if bridge_gaps else 0)
@@ -139,10 +140,12 @@ def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False, 
 
 
 def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123, masking: bool = False) -> Requests:
-    """The writes that serve all the channels: runs without gaps, as no value was commanded for cells in between.
+    """Return the writes that serve all the channels: consecutive cells without gaps, because no value was commanded for
+    cells in between.
 
-    The fields of a register are written together. `masking`: a register with some of its bits is a request of its own.
-    Channels that share a bit are written one by one in the order given, so that the last one remains.
+    The fields of a register are written together. `masking`: a register of which only some bits are written has a
+    separate request. Channels that share a bit are written one by one in the order given, so that the last value
+    remains.
     """
     written: dict[tuple[Table, int], int] = {}
     for channel in channels:
@@ -214,15 +217,15 @@ def _by_place(placed: Iterable[_Placed]) -> list[_Placed]:
 
 
 class WriteCache:
-    """Cells that the device has confirmed, by request. `keep`: time in s after which a write is repeated."""
+    """The cells that the device has confirmed, by request. `keep`: the time in s after which a write is repeated."""
 
     def __init__(self, keep: float) -> None:
         self._keep = keep
         self._confirmed: dict[_Key, tuple[list[int], float]] = {}
 
     def covers(self, request: Request, cells: list[int], now: float) -> bool:
-        """True if exactly these values were confirmed less than `keep` s ago, and nothing was written to the cells
-        since."""
+        """Return True if exactly these values were confirmed less than `keep` s ago, and nothing was written to the
+        cells since."""
         cells_then, then = self._confirmed.get(_key(request), ((), 0.0))
         return cells_then == cells and now - then < self._keep
 
@@ -245,13 +248,13 @@ class WriteCache:
 
 
 class RegisterContents:
-    """Contents of the registers that were written in part, as the unit has confirmed them, by address."""
+    """The contents, by address, of the registers that were written in part, as the unit has confirmed them."""
 
     def __init__(self) -> None:
         self.words: dict[int, int] = {}
 
     def missing(self, request: Request) -> list[int]:
-        """Offsets of the registers that the request writes in part and whose contents are not known."""
+        """Return the offsets of the registers that the request writes in part and whose contents are not known."""
         return [offset for offset in request.partial if request.address + offset not in self.words]
 
     def begins(self, request: Request) -> None:

@@ -28,13 +28,13 @@ class Rtu:
         self._is_asked = False
         """True if a look has sent its request."""
         self._known_opening = 0.0
-        """Time at which the line that was used last had been opened."""
+        """The time at which the line that was used last was opened."""
 
     def close(self) -> None:
         self._line.leave()
 
     def begin(self, deadline: float) -> bool:
-        """Open the line if needed; all calls until the next `begin` end by this time. Return True if the line was
+        """Open the line if needed. All calls until the next `begin` end by this deadline. Return True if the line was
         opened again."""
         self._deadline, self._is_asked = deadline, False
         self._line.open(deadline)
@@ -42,10 +42,11 @@ class Rtu:
         return known != self._line.opened_at
 
     def look(self, request: ModbusPDU, seconds: float) -> bool | None:
-        """Return whether the unit answers this request, without waiting; None if not known yet.
+        """Return whether the unit answers this request, without waiting; None if this is not known yet.
 
         A line has one master, and one request at a time. On a line with other units, their requests would have to wait
-        for the answer to this one, so True is returned there and a transfer is tried, which may take its timeout."""
+        for the answer to this one. So on such a line True is returned, and a transfer is tried, which may take its
+        timeout."""
         line = self._line
         if line.is_shared:
             return True
@@ -91,6 +92,6 @@ class Rtu:
                 sleep(min(left, _LOOK_INTERVAL))
 
     def failed(self, error: Lost) -> None:
-        """Note a failure of the line, or of the unit, whose answer may then still come."""
+        """Note a failure of the line or of the unit. The unit's answer may then still come."""
         if isinstance(error, Gone):
             self._line.close()

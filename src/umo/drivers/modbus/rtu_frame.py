@@ -1,5 +1,5 @@
-"""Frames of a serial line: unit, function, data, check sum (Modbus over Serial Line V1.02): pure functions, which use
-no line."""
+"""The frames of a serial line: unit, function, data, check sum (Modbus over Serial Line V1.02). The functions are pure
+and use no line."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ CHECKSUM_SIZE = 2
 
 
 def answer_end(request: bytes, data: bytes) -> int:
-    """End of the answer to the request with which the data begins; 0 while it is incomplete. Raises Lost if the data
-    begins with anything else. The request is without its check sum."""
+    """Return the end of the answer with which the data begins; 0 while the answer is incomplete. Raises Lost if the
+    data does not begin with an answer to the request. The request is without its check sum."""
     check_start(request, data[:EXCEPTION_SIZE])
     if len(data) < EXCEPTION_SIZE:
         return 0
@@ -29,15 +29,15 @@ def answer_end(request: bytes, data: bytes) -> int:
 
 
 def is_answer(request: bytes, data: bytes) -> bool:
-    """True if the data is the answer to the request and nothing else."""
+    """Return True if the data is the answer to the request and nothing else."""
     return 0 < _end(request, data) == len(data)
 
 
 def has_come(request: bytes, data: bytes) -> bool:
-    """True if the bytes received since the request are its answer, damaged on the line, so that no other answer will
-    come. They are if they contain the answer among other bytes, or its beginning with unit, function and a third byte,
-    or as many bytes as the answer has with two of these right. An intact frame that is not the answer is that of
-    another unit, or to another request."""
+    """Return True if the bytes received since the request are its answer, damaged on the line, so that no other answer
+    will come. This is so if the bytes contain the answer among other bytes, or the beginning of the answer with unit,
+    function and a third byte, or as many bytes as the answer has with two of these three right. An intact frame that is
+    not the answer comes from another unit, or answers another request."""
     if any(_end(request, data[at:]) for at in range(len(data))):
         return True
     for start in answer_starts(request):

@@ -4,9 +4,9 @@ A frame has no number, so a late answer looks like the answer to the next reques
 whose answer did not come in time is not asked for the same function again for its `recovery` time. Bytes received
 during this time are discarded. The late answer itself ends the time early, and so does a damaged answer that can be
 recognised (`has_come`), because nothing else will come then. Other functions and other units continue: an answer names
-both, so a late one cannot be mistaken for theirs. Functions 5, 6 and 22 continue too, as their answer repeats address
-and value. When the line is opened, the recovery time starts for every unit, because another process, which has ended,
-may have asked it.
+unit and function, so a late answer cannot be taken for an answer to them. Functions 5, 6 and 22 continue, too, because
+their answers repeat address and value. When the line is opened, the recovery time starts for every unit, because
+another process that has ended may have asked the unit.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ UnitFunction = tuple[int, int]
 
 @dataclass(frozen=True)
 class PendingAnswer:
-    """An answer that may still come, to this request, which was given up at this time. Without a request: an answer to
+    """An answer that may still come to this request, which was given up at this time. Without a request: an answer to
     another process."""
 
     request: bytes
@@ -44,7 +44,8 @@ class PendingAnswer:
 
 
 class SerialLine:
-    """A serial line of this process, shared by the drivers of its units; open while one of them is."""
+    """A serial line of this process, which the drivers of its units share. The line is open while one of these drivers
+    is open."""
 
     _lines: ClassVar[dict[tuple[int, str], SerialLine]] = {}
 
@@ -57,18 +58,18 @@ class SerialLine:
         self._port: Stream | None = None
         self.opened_at = 0.0
         self._owed: dict[UnitFunction, PendingAnswer | None] = {}
-        """Answers that are owed by the units that were asked since the line was opened, or None if there is none."""
+        """The pending answer of each unit that was asked since the line was opened, or None if none is pending."""
         self._last_byte_at = 0.0
         self._stray = b""
-        """Bytes that came in since the last request was sent."""
+        """The bytes that have arrived since the last request was sent."""
         self._last_asked: UnitFunction | None = None
-        """Unit and function of that request."""
+        """The unit and the function of the last request."""
         self._echo = b""
-        """Bytes of that request which are still to be repeated by the line."""
+        """The bytes of the last request that the line has still to repeat."""
 
     @classmethod
     def join(cls, place: Serial) -> SerialLine:
-        """Return the line of this device file; a child process has lines of its own."""
+        """Return the line of this device file. A child process has separate lines."""
         key = (os.getpid(), os.path.realpath(place.path))
         line = cls._lines.setdefault(key, cls(place, key))
         if str(line.place) != str(place):
@@ -99,7 +100,7 @@ class SerialLine:
         return self._port
 
     def open(self, deadline: float) -> None:
-        """Open the line if it is not open, or has failed since. Raises DriverError if that fails."""
+        """Open the line if it is not open, or has failed since. Raises DriverError if opening fails."""
         if self._port is None:
             self._port = self._dial(deadline)
             self.opened_at = self._last_byte_at = monotonic()
@@ -112,13 +113,13 @@ class SerialLine:
         self._port = None
 
     def owed(self, asked: UnitFunction) -> PendingAnswer | None:
-        """Return a pending answer that could be mistaken for the answer to this function if it were asked now."""
+        """Return a pending answer that could be taken for the answer to this function if the unit were asked now."""
         if asked[1] in _UNMISTAKABLE:
             return None
         return self._owed.get(asked, PendingAnswer(b"", self.opened_at))
 
     def settle(self, asked: UnitFunction) -> None:
-        """Note that no answer is pending: it has arrived, or its time is over."""
+        """Note that no answer is pending any more: it has arrived, or its time is over."""
         self._owed[asked] = None
 
     def exchange(self, frame: bytes, deadline: float) -> bytes:
@@ -219,5 +220,6 @@ class SerialLine:
 
 
 def silence(place: Serial) -> float:
-    """Time in s between two frames: 3.5 characters, or 1.75 ms above 19200 baud (Modbus over Serial Line, 2.5.1.1)."""
+    """Return the time in s between two frames: 3.5 characters, or 1.75 ms above 19200 baud (Modbus over Serial Line,
+    2.5.1.1)."""
     return 3.5 * place.character if place.baudrate <= 19200 else 1.75e-3

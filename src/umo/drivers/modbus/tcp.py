@@ -1,5 +1,5 @@
-"""A connection to a Modbus TCP device. Frames: transaction, protocol (0), length of the rest, unit, function, data
-(Modbus Messaging on TCP/IP Implementation Guide V1.0b).
+"""A connection to a Modbus TCP device. The fields of a frame are transaction, protocol (0), length of the following
+fields, unit, function, data (Modbus Messaging on TCP/IP Implementation Guide V1.0b).
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Tcp:
         self._data = b""
 
     def begin(self, deadline: float) -> bool:
-        """Connect if needed, and discard leftover data; all calls until the next `begin` end by this time. Return True
-        if the connection is new."""
+        """Connect if needed, and discard leftover data. All calls until the next `begin` end by this deadline. Return
+        True if the connection is new."""
         self._deadline = deadline
         # Data is an answer that nobody waits for; the end of the stream is seen in the same way.
         if self._stream is not None and not self._data and self._stream.idle():
@@ -53,8 +53,8 @@ class Tcp:
             sleep(wait)
 
     def look(self, request: ModbusPDU, seconds: float) -> bool | None:
-        """Return whether the device answers this request, on a new connection and without waiting; None if not known
-        yet. Raise Lost or DriverError."""
+        """Return whether the device answers this request, on a new connection and without waiting; None if this is not
+        known yet. Raises Lost or DriverError."""
         if self._stream is not None and not self._data and self._stream.idle():
             return True  # it answered the last request: any failure would have closed the connection
         if not self._look.under_way:
@@ -93,7 +93,7 @@ class Tcp:
         self._stream = None
 
     def failed(self, error: Lost) -> None:
-        """Close the connection, so that a late answer is lost with it, unless no request was sent."""
+        """Close the connection, so that a late answer is lost. If no request was sent, the connection stays open."""
         if not isinstance(error, Recovering):
             self.close()
 
@@ -141,7 +141,8 @@ class Tcp:
 
 
 def frame_end(data: bytes) -> int:
-    """End of the first frame of the data, 0 while it is incomplete. Raises Lost if the data is not Modbus."""
+    """Return the end of the first frame of the data; 0 while the frame is incomplete. Raises Lost if the data is not
+    Modbus."""
     if len(data) < _HEADER.size:
         return 0
     _, protocol, length = _HEADER.unpack_from(data)

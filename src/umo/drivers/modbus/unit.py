@@ -1,9 +1,9 @@
-"""The requests to one unit, through pymodbus; imported only when a driver is made.
+"""The requests to one unit, through pymodbus. This module is imported only when a driver is made.
 
-pymodbus builds the requests. umo sends and receives (tcp.py, rtu.py): pymodbus's own transactions have a timeout each,
-although a call may need several, and they skip wrong answers. Here all requests of a call share one deadline, and an
-answer counts only if it fits its request in every part (answer.py). Then its values are at known places, and no decoder
-is needed.
+pymodbus builds the requests. umo sends and receives (tcp.py, rtu.py): in pymodbus each transaction has a timeout,
+although a call may need several transactions, and wrong answers are skipped. Here all requests of a call share one
+deadline, and an answer counts only if it fits its request in every part (answer.py). Then the values of the answer are
+at known places, and no decoder is needed.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ class UnitRules:
 
 
 class Unit:
-    """One unit. After any failure except an exception answer the transport ensures that a late answer is never mistaken
-    for a later one."""
+    """One unit. After any failure except an exception answer, the transport ensures that a late answer is never taken
+    for the answer to a later request."""
 
     def __init__(self, place: Place, unit: int, rules: UnitRules) -> None:
         self._unit = unit
@@ -104,8 +104,8 @@ class Unit:
         self._requests = _readers_of(_Requests())  # type: ignore[no-untyped-call]
 
     def look(self, table: Table, address: int, count: int, timeout: float) -> bool | None:
-        """Return whether the unit answers a request for these cells, without waiting; an exception also counts as an
-        answer. None if not known yet. Raises DriverError if it does not answer now."""
+        """Return whether the unit answers a request for these cells, without waiting; None if this is not known yet. An
+        exception also counts as an answer. Raises DriverError if the unit does not answer now."""
         request = self._requests[table](address, count=count, device_id=self._unit)
         self._timeout = timeout
         return self._connecting(lambda deadline: self._transport.look(request, timeout), timeout)
@@ -146,7 +146,7 @@ class Unit:
         return cells_of(self._answer("writing", request, partial(send, device_id=self._unit)))
 
     def mask_write(self, request: Request, cells: list[int]) -> None:
-        """Write the request's bits of its one register, by function 22."""
+        """Write the bits of the request's single register by function 22."""
         send = partial(self._client.mask_write_register, address=request.address, device_id=self._unit)
         others = ~request.masks[0] & 0xFFFF
         self._answer("writing bits of", request, lambda: send(and_mask=others, or_mask=cells[0]))

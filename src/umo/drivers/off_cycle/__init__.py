@@ -1,4 +1,5 @@
-"""Drivers off the cycle: a slow device is served by a process of its own, and meets the image in shared memory."""
+"""Drivers off the cycle: a separate process serves a slow device, and exchanges values with the image in shared
+memory."""
 
 from umo.drivers.off_cycle.device_server import DeviceServer
 from umo.drivers.off_cycle.proxy import OffCycle

@@ -1,7 +1,8 @@
-"""Serves one driver off the cycle: answers requests while nothing is controlled, then transfers at its own period.
+"""The server of one driver off the cycle. It answers requests while nothing is controlled, and then makes transfers at
+the driver's period.
 
-In a worker process this waits for a slow device as long as needed. Without a worker process (virtual time, `connect` in
-the user's own process) the same object is called in the cycle.
+In a worker process the server waits for a slow device as long as needed. Without a worker process (virtual time,
+`connect` in the user's process) the cycle calls the same object.
 """
 
 from __future__ import annotations
@@ -29,17 +30,17 @@ from umo.errors import FAILURES, ChannelsFailed, DeviceTimeout, DriverError, for
 
 
 class DeviceServer:
-    """One driver and its side of the exchange. `period`: time in s between transfers. `ns`: its clock."""
+    """One driver and its side of the exchange. `period`: the time in s between transfers. `ns`: the clock, in ns."""
 
     def __init__(
         self, driver: Driver[Any], exchange: Exchange, period: float, ns: Callable[[], int] = monotonic_ns
     ) -> None:
         self.driver, self.exchange, self.ns = driver, exchange, ns
         self.on_call: Callable[[], object] = lambda: None
-        """Function that is called before each call of the driver, as a sign of life."""
+        """The function that is called before each call of the driver, as a heartbeat."""
         self.in_charge: Callable[[], bool] = lambda: True
-        """Function that returns, after a slow reading, whether the machine still runs; if not, values that were to be
-        written are not."""
+        """The function that returns, after a slow reading, whether the machine still runs. If it does not, the waiting
+        values are not written."""
         self.opened = False
         self._period = round(period * 1e9)
         self._cells = exchange.cells
@@ -51,12 +52,13 @@ class DeviceServer:
         self._outputs: tuple[int, ...] = ()
         self._groups: tuple[tuple[Channel, ...], tuple[Channel, ...]] = (), ()
         self._followed = -1
-        """The count of what is wanted up to which orders were carried out."""
+        """The count of the wanted values up to which orders were carried out."""
         self._due = 0
         self._reads = False
-        """True if readings have come in the last transfer: they continue while writing fails, and orders are tried."""
+        """True if the last transfer has brought readings. Readings then continue while writing fails, and orders are
+        tried."""
         self._held_until = 0
-        """Time in ns on its clock up to which the outputs are kept at their defaults."""
+        """The time in ns up to which the outputs are kept at their defaults."""
         self._absence = Absence(OFF_CYCLE, answers_for_device(driver))
 
     def assign(self, inputs: Sequence[int], outputs: Sequence[int]) -> None:
@@ -188,7 +190,7 @@ class DeviceServer:
                 self._due = max(self._due, round(self._absence.due * 1e9))
 
     def seconds_left(self) -> float:
-        """The time in s to the next transfer."""
+        """Return the time in s to the next transfer."""
         return (self._due - self.ns()) * 1e-9
 
     def _transfer(self) -> None:
@@ -386,8 +388,8 @@ class DeviceServer:
     # The place of a worker that died, and the end ------------------------------------------------------------------
 
     def begin_anew(self, defaults: Mapping[str, int | None], watchdog: float | None, hold: float = 0.0) -> None:
-        """Open the driver and initialise all of its channels (each with its default, by its text): to be called after
-        another worker has died, when the state of the outputs is unknown. Until this succeeds the device counts as
+        """Open the driver and initialise all of its channels (each with its default, by its text): call this after
+        another worker has died, when the state of the outputs is unknown. Until this succeeds, the device counts as
         away. For `hold` s the outputs stay at their defaults, regardless of written values."""
         self._held_until = self.ns() + round(hold * 1e9)
         self._initialized = {text: (self._channel(text), raw) for text, raw in defaults.items()}
@@ -400,8 +402,8 @@ class DeviceServer:
             self._post(rows)
 
     def reset_all(self, order: Sequence[str]) -> dict[str, str]:
-        """Reset every initialised output to its default, in this order of the channels' texts. Return the causes of
-        those that failed. After a failure the next attempt opens the driver again."""
+        """Reset every initialised output to its default, in this order of the channels' texts. Return the causes for
+        the outputs that could not be reset. After a failure the next attempt opens the driver again."""
         driven = [text for text in order if text in self._initialized]
         if driven and not self.opened and (why := self._open_again(driven)):
             return dict.fromkeys(driven, why)

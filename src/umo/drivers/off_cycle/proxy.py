@@ -1,9 +1,9 @@
 """The machine's substitute for a driver that is off the cycle.
 
 While the machine is being connected and disconnected, each call is a request to the worker process, and waits for the
-answer. While it runs no call waits: written values are posted, and read values are those that have arrived. Without a
-worker process the calls are made here: in virtual time, with `connect` in the user's own process, and when the worker
-has died and the machine is being reset.
+answer. While the machine runs no call waits: written values are posted, and read values are those that have arrived.
+Without a worker process this process makes the calls: in virtual time, with `connect` in the user's process, and when
+the worker has died and the machine is being reset.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 LOOK_INTERVAL = 0.0005
 """Time in s between two looks for an answer."""
 MARGIN = 1.0
-"""Time in s, in addition to twice the timeout, for which the worker may give no sign of life during a request."""
+"""The time in s, in addition to twice the timeout, for which the worker may give no heartbeat during a request."""
 
 
 def generation_of(rows: IntArray) -> int:
-    """Return how often the outputs had been initialised when these values were posted."""
+    """Return the number of times that the outputs had been initialised when these values were posted."""
     return int(rows[Row.GENERATION].max(initial=0))
 
 
@@ -37,18 +37,18 @@ class Worker:
     """The worker process of a driver, as seen by the processes that send it requests."""
 
     def is_gone(self) -> bool:
-        """True if the worker process has ended."""
+        """Return True if the worker process has ended."""
         raise NotImplementedError
 
     def silence(self) -> float:
-        """Time in s since the last sign of life of the worker process."""
+        """Return the time in s since the last heartbeat of the worker process."""
         raise NotImplementedError
 
 
 class OffCycle(Wrapper):
-    """A driver off the cycle, of a machine whose channels for it are known.
+    """A driver off the cycle. The channels that the machine uses are known.
 
-    `own_period`: time in s from one of its transfers to the next; `max_age`: age in s from which a value is STALE.
+    `own_period`: the time in s from one transfer to the next. `max_age`: the age in s from which on a value is STALE.
     `defaults`: the raw integer of each channel that the machine uses, None for an input, by the channel's text.
     """
 
@@ -68,9 +68,9 @@ class OffCycle(Wrapper):
         self.pause: Callable[[float], object] = sleep
         """The function that waits for an answer, in s."""
         self.fault_time: Callable[[], int] = lambda: NO_TIME
-        """The machine's time in ns, by which injected faults act; NO_TIME if there are none."""
+        """The machine's time in ns, by which injected faults act; NO_TIME if there are no faults."""
         self.generation = 0
-        """Number of initialisations of the outputs that the machine knows of."""
+        """The number of initialisations of the outputs that the machine knows."""
         self.read_rows: IntArray = self.exchange.arrivals.read()[1]
         """The values read last, with their stamps."""
         self._wanted: IntArray
@@ -87,7 +87,8 @@ class OffCycle(Wrapper):
     # Requests ------------------------------------------------------------------------------------------
 
     def request(self, call: str, **content: Any) -> Any:
-        """Request a call of the driver, and wait for its answer. DeviceTimeout if the worker gives no sign of life."""
+        """Request a call of the driver, and wait for its answer. Raises DeviceTimeout if the worker gives no
+        heartbeat."""
         request = {"call": call, "timeout": self.driver.timeout, "now": self.fault_time(), **content}
         answer = self.server.perform(request) if self.worker is None else self._ask(self.worker, request)
         if "error" in answer:
@@ -106,7 +107,7 @@ class OffCycle(Wrapper):
         return answer
 
     def call_here_if_alone(self) -> None:
-        """Make the calls in this process if the worker has ended, as no other process holds the device."""
+        """Make the calls in this process if the worker has ended, because no other process then holds the device."""
         if self.worker is not None and self.worker.is_gone():
             self.worker = None
             self.server.opened = False
@@ -197,7 +198,7 @@ class OffCycle(Wrapper):
         self.accept_generation(self.exchange.arrivals.read()[1])
 
     def end(self) -> None:
-        """Make each call a request again; the worker makes no calls by itself."""
+        """From now on make each call a request again. The worker then makes no calls by itself."""
         self.exchange.cells[Cell.CYCLIC] = 0
         self.running = False
 
@@ -219,32 +220,32 @@ class OffCycle(Wrapper):
         self.exchange.wanted.post(wanted)
 
     def order(self, number: int) -> int:
-        """The number of the last order for a channel, by the channel's number."""
+        """Return the number of the last order for a channel, by the channel's number."""
         return int(self._wanted[Wanted.ORDER, number])
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Post and request nothing more from this process. `instead` is called instead."""
+        """From now on post and request nothing in this process, and call `instead` in place of each call."""
         self.request = self.exchange.wanted.post = instead  # type: ignore[method-assign]
 
     def places(self, channels: Sequence[Channel]) -> IntArray:
-        """The numbers of channels; a plan is kept for each tuple of them."""
+        """Return the numbers of channels; a plan is kept for each tuple of them."""
         key = tuple(channels)
         if (places := self._plans.get(key)) is None:
             places = self._plans[key] = np.array([self.exchange.place[each.text] for each in key], np.int64)
         return places
 
     def carried_out(self, number: int, place: int, rows: IntArray) -> bool:
-        """True if an order for a channel, both given by number, was already carried out when these values were
-        posted."""
+        """Return True if an order for a channel was already carried out when these values were posted. Order and
+        channel are given by their numbers."""
         return bool(rows[Row.ORDER, place] >= number)
 
     def times(self, places: IntArray, stamps: IntArray, now: float, now_ns: int) -> npt.NDArray[np.float64]:
-        """The times in s on the cycle's clock of values of these channels, by their stamps; NaN for values that never
-        arrived. The clock showed `now` at `now_ns`."""
+        """Return the times in s on the cycle's clock of values of these channels, by their stamps; NaN for values that
+        never arrived. `now` is the time on the cycle's clock at the stamp `now_ns`."""
         return np.where(stamps == NO_TIME, np.nan, now - (now_ns - stamps) * 1e-9)  # below 0: since the last tick
 
     def cause(self, number: int) -> str:
-        """Return why a channel has no new value."""
+        """Return the reason why a channel has no new value."""
         return self.causes([number])[0]
 
     def causes(self, numbers: Sequence[int]) -> list[str]:

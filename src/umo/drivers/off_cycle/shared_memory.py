@@ -2,9 +2,9 @@
 
 Every cell has one writer, and is meaningful by itself. Values that belong together are in one of two banks: the writer
 fills the invalid bank, then increments the count; the last bit of the count selects the valid bank. Banks, requests and
-answers carry a number and a checksum, by which a reader proves that its copy is whole (`umo.system.shared_cells`). The
-causes of failures are texts for people only: a text that is read while it changes may be a mixture of two. The memory
-is anonymous, so there is no file that others could truncate.
+answers have a number and a checksum, with which a reader checks that its copy is complete (`umo.system.shared_cells`).
+The causes of failures are texts for people only: a text that is read while it changes may be a mixture of two texts.
+The memory is anonymous, so there is no file that another process could truncate.
 """
 
 from __future__ import annotations
@@ -30,44 +30,48 @@ TEXT_BYTES = 200
 REQUEST_BYTES, ANSWER_BYTES = 1 << 14, 1 << 17
 """Sizes in bytes for a request and for its answer."""
 MAX_READS = 10
-"""Number of attempts to read a whole bank; for each to fail, its writer would have to fill two banks in between. Then
-the bank that was read before remains valid."""
+"""The number of attempts to read a complete bank. An attempt fails only if the writer fills two banks meanwhile. If all
+attempts fail, the bank that was read before remains valid."""
 
 BANK = Struct("<qq")
 BANK_HEAD = 2
-"""The head of a bank: the checksum of the rest, and the count for which it was written."""
+"""The head of a bank: the checksum of the following data, and the count for which the bank was written."""
 
 
 class Cell(IntEnum):
     """The single cells, int64."""
 
     BEAT = 0
-    """Worker: its last sign of life, ns on the worker's clock."""
+    """Written by the worker: the time of its last heartbeat, in ns on the worker's clock."""
     ARRIVED = 1
-    """Worker: the count of its transfers; its last bit selects the bank of the last one."""
+    """Written by the worker: the count of its transfers. The last bit of the count selects the bank of the last
+    transfer."""
     GENERATION = 2
-    """Worker: how often it has begun to initialise the outputs."""
+    """Written by the worker: the number of times that it has begun to initialise the outputs."""
     AWAY_SINCE = 3
-    """Worker: ns on its clock since which the device does not answer; NO_TIME if it answers."""
+    """Written by the worker: the time in ns on its clock since which the device does not answer; NO_TIME if it
+    answers."""
     ANSWERED = 4
-    """Worker: the number of the last request that it has answered."""
+    """Written by the worker: the number of the last request that it has answered."""
     REQUESTED = 5
-    """Control process: the number of the last request."""
+    """Written by the control process: the number of the last request."""
     POSTED = 6
-    """Control process: the count of the values that it wants at the outputs; its last bit selects the bank."""
+    """Written by the control process: the count of the values that it wants at the outputs. The last bit of the count
+    selects the bank."""
     CYCLIC = 7
-    """Control process: 1 if the worker transfers by itself, at its period."""
+    """Written by the control process: 1 if the worker makes transfers by itself, at its period."""
     NOW = 8
-    """Control process: the machine's time in ns, by which injected faults act; NO_TIME if there are none."""
+    """Written by the control process: the machine's time in ns, by which injected faults act; NO_TIME if there are no
+    faults."""
     INITIALIZED = 9
-    """Worker: the last generation whose outputs have all been initialised."""
+    """Written by the worker: the last generation whose outputs have all been initialised."""
 
 
 class Row(IntEnum):
     """The rows of a bank that the worker writes, each with a number for each channel."""
 
     RAW = 0
-    """Inputs: the raw integer read last. Outputs: the raw integer accepted last."""
+    """For an input: the raw integer read last. For an output: the raw integer accepted last."""
     STAMP = 1
     """Time in ns at which the transfer of this value began; NO_TIME if there was none."""
     ORDER = 2
@@ -82,11 +86,11 @@ class Wanted(IntEnum):
     RAW = 0
     """Outputs: the raw integer to be sent."""
     ORDER = 1
-    """The number of the last order, which is a call for this channel alone that is carried out once."""
+    """The number of the last order. An order is a call for this channel alone that is carried out once."""
     CALL = 2
     """The kind of call of the order, an `Order`."""
     GENERATION = 3
-    """The generation for which this is meant: values for an older generation are not sent after outputs were
+    """The generation for which the values are meant. Values for an older generation are not sent after outputs were
     initialised again."""
 
 
@@ -99,9 +103,9 @@ class Order(IntEnum):
 
 
 class Banks:
-    """Two banks of rows and the count that names the valid one. Each bank has the count for which it was written and a
-    checksum over that and its rows: by which a reader verifies each copy, even if stores become visible in another
-    order, or if the writer was killed within one."""
+    """Two banks of rows and the count that names the valid one. Each bank has the count for which it was written, and a
+    checksum over this count and the rows. With the checksum a reader verifies each copy, even if stores become visible
+    in another order, or if the writer was killed while it wrote."""
 
     def __init__(self, memory: IntArray, cells: IntArray, count: Cell, rows: IntArray) -> None:
         """`memory`: an array of `words(rows.shape)` words. The given rows become the valid ones."""
@@ -116,7 +120,7 @@ class Banks:
 
     @staticmethod
     def words(shape: tuple[int, ...]) -> int:
-        """The size of two banks for rows of this shape, int64."""
+        """Return the size of two banks for rows of this shape, int64."""
         return 2 * (BANK_HEAD + prod(shape))
 
     @property
@@ -124,8 +128,8 @@ class Banks:
         return int(self._cells[self._count])
 
     def read(self) -> tuple[int, IntArray]:
-        """Return a copy of the valid bank, with its count. If the new bank is not yet complete, this is the last
-        complete one that this process has read."""
+        """Return a copy of the valid bank, with its count. If the new bank is not yet complete, return the last
+        complete bank that this process has read."""
         for _ in range(MAX_READS):
             count = self.count
             bank = bytes(self._banks[count & 1])
@@ -153,7 +157,7 @@ class Exchange:
     """The shared memory of one driver and its channels."""
 
     def __init__(self, channels: Sequence[Channel], shared: bool = True) -> None:
-        """`shared`: True if forked processes use the same memory; otherwise each has a copy."""
+        """`shared`: whether forked processes use the same memory; otherwise each has a copy."""
         self.channels = tuple(channels)
         self.place = {channel.text: number for number, channel in enumerate(self.channels)}
         """The number of each channel, by its text."""
@@ -171,9 +175,9 @@ class Exchange:
         self.cells: Any = cells.data
         self.cells[Cell.AWAY_SINCE] = self.cells[Cell.NOW] = NO_TIME
         self.arrivals = Banks(numbers[len(Cell) : split], cells, Cell.ARRIVED, own)
-        """Worker: the values of all channels (`Row`)."""
+        """The values of all channels (`Row`), which the worker writes."""
         self.wanted = Banks(numbers[split:], cells, Cell.POSTED, wanted)
-        """Control process: the values wanted at the outputs (`Wanted`)."""
+        """The values wanted at the outputs (`Wanted`), which the control process writes."""
         self._texts = 8 * words
         requests = self._texts + TEXT_BYTES * (count + 1)
         self._request = SharedText(self._memory, requests, REQUEST_BYTES)
@@ -183,7 +187,7 @@ class Exchange:
 
     def set_cause(self, channel: int, text: str) -> None:
         """Set the cause, as text, for which the last call failed for a channel (by its number; -1 stands for the whole
-        driver). "" means that it did not fail."""
+        driver). "" means that the call did not fail."""
         at = self._texts + TEXT_BYTES * (channel + 1)
         self._memory[at : at + TEXT_BYTES] = text.encode(errors="replace")[:TEXT_BYTES].ljust(TEXT_BYTES, b"\0")
 
@@ -201,8 +205,8 @@ class Exchange:
         return number
 
     def asked(self) -> tuple[int, dict[str, Any]] | None:
-        """The request that is not answered yet, with its number. Also None while a request replaces another one that
-        nobody waits for any more."""
+        """Return the request that is not answered yet, with its number. Return None also while a request replaces
+        another one for which nobody waits any more."""
         number = int(self.cells[Cell.REQUESTED])
         return None if number == self.cells[Cell.ANSWERED] else _of_number(self._request, number)
 
@@ -211,7 +215,7 @@ class Exchange:
         self.cells[Cell.ANSWERED] = number
 
     def answered(self, number: int) -> dict[str, Any] | None:
-        """Return the answer to the request of this number, or None if not yet."""
+        """Return the answer to the request of this number, or None if there is no answer yet."""
         found = _of_number(self._answer, number)
         return None if found is None else found[1]
 

@@ -1,1 +1,1 @@
-"""Chips with registers, whatever their bus: what the drivers `i2c` and `spi` have in common."""
+"""Chips with registers on any bus: the common part of the drivers `i2c` and `spi`."""

@@ -17,23 +17,24 @@ _CODES = {8: "b", 16: "h", 32: "i", 64: "q"}
 
 
 class BlockPart(NamedTuple):
-    """A register in a block, with the place of its bytes, and its channels with their places among the values of the
+    """A register in a block, with the place of its bytes, and its channels with their indices among the values of the
     call."""
 
     register: Register
     start: int
     channels: tuple[tuple[int, RegisterChannel], ...]
     whole: bool
-    """True if all of its bits are written."""
+    """True if all bits of the register are written."""
 
 
 class LikeRegisters:
     """Registers of a block that have the same width, byte order and sign, each moved as a whole by one channel. Their
-    values are converted all at once, with the same results as decode and encode of each channel, only faster."""
+    values are converted together. The results are those of decode and encode of each channel, but the conversion is
+    faster."""
 
     def __init__(self, code: str, places: Sequence[int]) -> None:
-        """`code`: format of one register, such as ">h". `places`: places of the channels among the values of the
-        call."""
+        """`code`: the format of one register, such as ">h". `places`: the indices of the channels among the values of
+        the call."""
         in_order = list(places) == list(range(places[0], places[0] + len(places)))
         self._places: Any = slice(places[0], places[-1] + 1) if in_order else np.array(places)
         self._pick: Callable[..., Any] = itemgetter(self._places) if in_order else itemgetter(*places)
@@ -48,7 +49,7 @@ class LikeRegisters:
 
 
 class RegisterBlock(NamedTuple):
-    """Registers that follow each other: one transfer."""
+    """Consecutive registers, which are moved in one transfer."""
 
     page: int | None
     address: int
@@ -65,8 +66,8 @@ class RegisterBlock(NamedTuple):
 
 
 def plan(channels: Sequence[RegisterChannel], *, joined: bool, max_size: int) -> tuple[RegisterBlock, ...]:
-    """Return the blocks, with each register once and all of its fields. `joined`: consecutive registers are combined
-    into blocks of at most `max_size` bytes. Blocks are in the order of the channels."""
+    """Return the blocks. Each register is in one block, with all of its fields. `joined`: consecutive registers are
+    combined into blocks of at most `max_size` bytes. Blocks are in the order of the channels."""
     of: dict[Register, list[tuple[int, RegisterChannel]]] = {}
     for placed in enumerate(channels):
         of.setdefault(placed[1].register, []).append(placed)
@@ -83,7 +84,7 @@ def plan(channels: Sequence[RegisterChannel], *, joined: bool, max_size: int) ->
 
 
 def places_of(page: int | None, address: int, size: int, *, joined: bool) -> tuple[Hashable, ...]:
-    """The places of bytes in a chip, which counts its addresses in bytes (`joined`) or in registers."""
+    """Return the places of bytes in a chip, which counts its addresses in bytes (`joined`) or in registers."""
     return tuple((page, address + i) if joined else (page, address, i) for i in range(size))
 
 

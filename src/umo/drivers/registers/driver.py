@@ -24,8 +24,8 @@ T = TypeVar("T")
 class RegisterDriver(BlockDriver[RegisterChannel]):
     """A chip with a register map. A bus derives from it and transfers bytes.
 
-    A bit field is written by writing its whole register. The other bits are those that this driver wrote last; before
-    its first write, the register's `initial` value, or else the present content of the register.
+    A bit field is written by writing its whole register. The other bits are those that this driver wrote last. Before
+    the first write, they come from the register's `initial` value, or else from the present content of the register.
     """
 
     forms = ("REGISTER", "REGISTER.FIELD (names of the option registers)", *FORMS)
@@ -54,12 +54,13 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         self._reads, self._writes = Plans(self._plan), Plans(self._plan_write)
         self._opened = self._broken = False
         self._bus: Any = None
-        """The bus while it is open: made by `_connect`."""
+        """The bus that `_connect` has made, while it is open."""
         self._deadline: float | None = None
         """Deadline of the call, set by its first transfer."""
         self._page: int | None = None
         self._shadow: dict[Hashable, int] = {}
-        """The bytes that were written last, by their places: two registers of the wiring may be one of the chip."""
+        """The bytes that were written last, by their places, because two registers of the wiring may be one register of
+        the chip."""
 
     def channel(self, text: str) -> RegisterChannel:
         return self._map.channel(text)

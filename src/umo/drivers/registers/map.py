@@ -1,4 +1,4 @@
-"""Register maps: the registers of a chip as in its datasheet, and the channels on them. No device is used here.
+"""Register maps: the registers of a chip as in its datasheet, and the channels on them. This module uses no device.
 
 A register has an address, a width of whole bytes, a byte order and optionally a page, and may be divided into bit
 fields.
@@ -50,7 +50,7 @@ class RegisterOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Register:
-    """One register; `shift` is the number of unused bits below a value that is aligned to the left."""
+    """One register. `shift` is the number of unused bits below a value that is aligned to the left."""
 
     address: int
     bits: int = 8
@@ -60,8 +60,8 @@ class Register:
     page: int | None = None
     direction: Direction = Direction.BOTH
     initial: int | None = None
-    """Value after a reset of the chip, which the first write of a bit field uses for the other bits; None if they are
-    read."""
+    """The value after a reset of the chip, which the first write of a bit field uses for the other bits; None if the
+    other bits are read."""
 
     @property
     def size(self) -> int:
@@ -77,8 +77,8 @@ class Register:
 
 @dataclass(frozen=True)
 class RegisterChannel(Channel):
-    """`bits` bits of a register from bit `low` on. `whole`: the channel is the whole register; the unused bits below
-    are written as 0."""
+    """A channel of `bits` bits of a register from bit `low` on. `whole`: the channel is the whole register; the unused
+    bits below it are written as 0."""
 
     register: Register = Register(0)
     low: int = 0
@@ -107,7 +107,7 @@ class RegisterChannel(Channel):
         return register.address + byte, bit % 8
 
     def decode(self, contents: int) -> int:
-        """The raw integer in a register's contents. Raises DriverError if it is too large for an int64."""
+        """Return the raw integer in a register's contents. Raises DriverError if it is too large for an int64."""
         raw = contents >> self.low & (1 << self.bits) - 1
         sign = 1 << self.bits - 1 if self.signed else 0
         raw = (raw ^ sign) - sign
@@ -115,7 +115,8 @@ class RegisterChannel(Channel):
         return raw
 
     def encode(self, raw: int, contents: int) -> int:
-        """A register's contents with this raw integer in its place; `fits` was checked."""
+        """Return a register's contents with this raw integer in the bits of the channel. The caller has checked that
+        the integer fits."""
         if self.whole:
             return (raw & (1 << self.bits) - 1) << self.low
         mask = (1 << self.bits) - 1 << self.low
@@ -123,7 +124,8 @@ class RegisterChannel(Channel):
 
 
 class ChipRegisters:
-    """The registers of a chip by name, from the wiring's `[drivers.NAME.registers]`; WiringError names the mistake.
+    """The registers of a chip by name, from the wiring's `[drivers.NAME.registers]`. Raises WiringError, which names
+    the mistake.
 
     `address_bits`: width of an address. `paged`: the driver has a page register. `bytewise`: see RegisterChannel.
     """
@@ -135,13 +137,13 @@ class ChipRegisters:
         self._paged, self._bytewise = paged, bytewise
         self.registers: dict[str, Register] = {}
         self.fields: dict[str, dict[str, tuple[int, int, bool]]] = {}
-        """Lowest bit, number of bits and sign of each field, by register and name."""
+        """The lowest bit, the number of bits and the sign of each field, by register and name."""
         for name, table in tables.items():
             self._add(name, table)
 
     def channel(self, text: str) -> RegisterChannel:
-        """Return the channel for a text such as `NAME`, `NAME.FIELD`, `NAME.7` or `NAME.11:9`, also with `0x05:16:big`
-        in place of `NAME`."""
+        """Return the channel for a text such as `NAME`, `NAME.FIELD`, `NAME.7` or `NAME.11:9`. `0x05:16:big` may take
+        the place of `NAME`."""
         name, dot, part = text.partition(".")
         register = self.registers.get(name) or self._direct(name)
         if register is None:

@@ -1,4 +1,4 @@
-"""Streams of bytes to devices, over TCP or a serial line: for drivers of protocols."""
+"""Streams of bytes to devices, over TCP or a serial line, for drivers of protocols."""
 
 from __future__ import annotations
 

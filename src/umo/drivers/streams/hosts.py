@@ -1,4 +1,4 @@
-"""Hosts: their addresses, looked up within a limit, and connections to them."""
+"""The addresses of hosts, which are looked up within a time limit, and connections to hosts."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Found = list[tuple[Any, ...]]
 
 
 def addresses(host: str) -> tuple[str, ...]:
-    """Return every numeric address of the host, IPv6 in brackets, so that two names of one device compare equal. A name
-    that cannot be looked up stands for itself.
+    """Return every numeric address of the host, IPv6 in brackets, so that two names of one device compare equal. If a
+    name cannot be looked up, the name itself is returned.
 
-    "Any address" (0.0.0.0, ::) becomes the loopback address; IPv4 within IPv6 becomes IPv4. It raises no error and ends
-    within `MAX_LOOKUP_TIME`.
+    "Any address" (0.0.0.0, ::) becomes the loopback address; IPv4 within IPv6 becomes IPv4. The function raises no
+    error and ends within `MAX_LOOKUP_TIME`.
     """
     try:
         found = _found(host, None, MAX_LOOKUP_TIME)
@@ -39,15 +39,16 @@ def addresses(host: str) -> tuple[str, ...]:
 
 
 class TcpDial:
-    """Opens connections to a TCP port. The name of the host is looked up once, by the first of them."""
+    """An object that opens connections to a TCP port. The name of the host is looked up once, for the first
+    connection."""
 
     def __init__(self, host: str, port: int) -> None:
         self._host, self._port = host, port
         self._found: Found = []
 
     def __call__(self, deadline: float) -> Stream:
-        """Open a connection. Tries each address of the host, with an equal share of the remaining time. Raises Gone or
-        TimedOut, as for the last address. Raises DriverError if the name is not found."""
+        """Open a connection: try each address of the host, with an equal share of the remaining time. Raises the Gone
+        or TimedOut of the last address. Raises DriverError if the name is not found."""
         self._found = self._found or self._look_up(deadline)
         why, timed_out = "no address", False  # not the error itself: it would keep its frames, and they it
         for tried, place in enumerate(self._found):
@@ -60,7 +61,7 @@ class TcpDial:
         raise TimedOut if timed_out else Gone(why)
 
     def without_waiting(self, deadline: float) -> Iterator[Stream | None]:
-        """Open without waiting: yield None while it continues, then the stream."""
+        """Open a connection without waiting: yield None until it is open, then the stream."""
         if not self._found:
             outcome = _begin_look_up(self._host, self._port)
             while not outcome.done() and monotonic() < deadline:

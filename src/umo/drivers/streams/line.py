@@ -1,4 +1,4 @@
-"""A serial line and its settings; its device file, opened through pyserial, locked for this process (flock)."""
+"""A serial line and its settings. The device file is opened through pyserial and locked for this process (flock)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ class Serial:
     dtr: bool = True
     rs485: bool = False
     echo: bool = False
-    """True if the line repeats sent data, as with an RS-485 adapter that receives its own data; used by `modbus`."""
+    """True if the line repeats sent data, for example because an RS-485 adapter receives the data that it sends. The
+    driver `modbus` uses this."""
 
     def __post_init__(self) -> None:
         within("baudrate", self.baudrate, 50, 4_000_000)
@@ -49,11 +50,11 @@ class Serial:
         one_of("flow", self.flow, get_args(Flow))
 
     def devices(self) -> Sequence[str]:
-        """The device file itself, even if the option names a link to it."""
+        """Return the device file itself, even if the option names a link to it."""
         return [f"serial {os.path.realpath(self.path)}"]
 
     def prepared(self) -> bool:
-        """Import pyserial; False if it is missing."""
+        """Import pyserial. Return False if it is missing."""
         return library("serial.rs485", "serial") is not None
 
     def dial(self) -> Dial:
@@ -70,7 +71,7 @@ class Serial:
 
 
 class SerialDial:
-    """Opens a serial line."""
+    """An object that opens a serial line."""
 
     def __init__(self, place: Serial) -> None:
         self._place = place
@@ -84,7 +85,7 @@ class SerialDial:
 
 
 def opened(place: Serial, deadline: float) -> Stream:
-    """Open the line. DriverError with a text in one line."""
+    """Open the line. Raises DriverError with a text in one line."""
     with opening(place.path):
         while True:
             try:

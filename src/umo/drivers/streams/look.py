@@ -1,4 +1,4 @@
-"""Looking for a device that has stopped answering, without waiting for it (`Looks.look`)."""
+"""The search for a device that has stopped answering, without waiting for it (`Looks.look`)."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from umo.drivers.streams.stream import Dial, Stream, TimedOut
 
 
 def at_once(stream: Stream) -> bool:
-    """Function for a device that takes requests as soon as it is connected."""
+    """Return True: the function for a device that takes requests as soon as it is connected."""
     return True
 
 
 class Look:
-    """Opens a stream, sends one request and looks for its answer, one step with each call of `found`.
+    """A search that opens a stream, sends one request and checks for its answer, one step in each call of `found`.
 
         if not self._look.under_way:
             self._look.begin(request, has_answered, self.timeout)
         self._stream = self._look.found()
         return None if self._stream is None else True
 
-    `stop` before the device is used in any other way, because the stream belongs to the look until the device is found.
+    Call `stop` before the device is used in any other way, because the stream belongs to the look until the device is
+    found.
     """
 
     def __init__(self, dial: Dial) -> None:
@@ -40,14 +41,14 @@ class Look:
         is_ready: Callable[[Stream], bool] = at_once,
     ) -> None:
         """Begin a look that ends within `seconds`. The request is sent when the device `is_ready`; without a request
-        (b"") the connection counts as its answer. `has_answered`: returns whether the bytes received since the request
-        are the whole answer. Raises Lost if they are anything else."""
+        (b"") the connection counts as its answer. `has_answered` returns whether the bytes received since the request
+        are the whole answer, and raises Lost if they are anything else."""
         self.stop()
         self._steps = self._look(request, has_answered, monotonic() + seconds, is_ready)
 
     def found(self) -> Stream | None:
-        """Return the stream on which the device has answered; None if not known yet. Raise Lost or DriverError if it
-        does not answer now."""
+        """Return the stream on which the device has answered; None if this is not known yet. Raises Lost or DriverError
+        if the device does not answer now."""
         if self._steps is None:
             return None
         try:

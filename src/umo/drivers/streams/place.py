@@ -1,4 +1,4 @@
-"""The place of a device: a host or a serial line. Needs no library."""
+"""The place of a device: a host or a serial line. This module needs no library."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ class Host:
         within("port", self.port, 1, 65535)
 
     def devices(self) -> Sequence[str]:
-        """The addresses of the host. A name is looked up, for at most 2 s; if it is not found, the name itself."""
+        """Return the addresses of the host. A name is looked up for at most 2 s. If it is not found, return the name
+        itself."""
         return [f"{self.protocol} {address}:{self.port}" for address in hosts.addresses(self.host)]
 
     def prepared(self) -> bool:
-        """True if the library that it needs is there."""
+        """Return True if the library that the place needs is installed."""
         return True
 
     def dial(self) -> Dial:
@@ -43,8 +44,8 @@ Place = Host | Serial
 def place_of(
     default: tuple[Host, Serial], host: str | None, port: int | None, serial: str | None, **settings: Any
 ) -> Place:
-    """The place that the options of a driver name, or None if none is given. Raises WiringError if they are of both
-    kinds."""
+    """Return the place that the options of a driver name, or None if none is given. Raises WiringError if the options
+    name both a host and a serial line."""
     given = {name: value for name, value in settings.items() if value is not None}
     tcp: dict[str, Any] = {name: value for name, value in (("host", host), ("port", port)) if value is not None}
     if serial is None:

@@ -95,7 +95,7 @@ def _nothing(error: OSError) -> bytes:
 
 
 class Dial(Protocol):
-    """Opens streams to one device. It raises Lost or DriverError."""
+    """An object that opens streams to one device. It raises Lost or DriverError."""
 
     def __call__(self, deadline: float) -> Stream:
         """Open a stream by the deadline."""

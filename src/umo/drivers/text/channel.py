@@ -1,5 +1,5 @@
-"""The channels of a line protocol, as a wiring declares them: how each is read, written and confirmed. No device is
-used here."""
+"""The channels of a line protocol, as a wiring declares them: how each is read, written and confirmed. This module uses
+no device."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ DRIVERS_ENDS = Ends()
 
 
 class QueryOptions(TypedDict, total=False):
-    """A request and the pattern of its answer; an empty table for none."""
+    """A request and the pattern of its answer. An empty table means that there is none."""
 
     ask: str
     answer: str
@@ -149,8 +149,8 @@ class TextChannel(Channel):
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """Return the request that the channel sets; for an input its request, and the part of the answer that it
-        uses."""
+        """The request that the channel sets; for an input, the request that it reads, and the part of the answer that
+        it uses."""
         if self.setting is not None:
             return (self.setting.place,)
         assert self.reading is not None
@@ -163,12 +163,12 @@ class TextChannel(Channel):
 
     @property
     def done(self) -> tuple[Pattern | None, Query | None, Ends]:
-        """Patterns that confirm a request to set the channel, and the terminator of their lines."""
+        """The patterns that confirm a request to set the channel, and the terminator of their lines."""
         setting = self.setting
         return (setting.acknowledge, setting.confirm, setting.ends) if setting else (None, None, DRIVERS_ENDS)
 
     def raw(self, line: str) -> int:
-        """The raw integer in an answer."""
+        """Return the raw integer in an answer."""
         assert self.reading is not None
         raw = self.reading.raw(line)
         lowest, highest = self.limits
@@ -191,7 +191,7 @@ class Channels:
 
     tables: Mapping[str, ChannelOptions]
     acknowledge: Pattern | None
-    """Pattern for channels without a pattern of their own; `confirm` is the query for such channels."""
+    """The pattern for channels that do not have a pattern themselves. `confirm` is the query for such channels."""
     confirm: Query | None
     _forms: list[tuple[re.Pattern[str], str]] = field(init=False, default_factory=list)
     _known: dict[str, TextChannel] = field(init=False, default_factory=dict)
@@ -208,7 +208,7 @@ class Channels:
             self._make(name, name, 0 if len(literals) > 1 else None)
 
     def named(self, text: str) -> TextChannel:
-        """Return the channel with this name. ChannelError with all names if there is none."""
+        """Return the channel with this name. Raises ChannelError with all names if there is none."""
         if text in self._known:
             return self._known[text]
         for form, name in self._forms:
@@ -219,7 +219,7 @@ class Channels:
         raise ChannelError(text, self.tables)
 
     def with_state(self, text: str) -> str | None:
-        """Return the name of a table in which this text is the answer for a state."""
+        """Return the name of the channel's table in which this text is the answer for a state."""
         made = ((name, self._make(name, name, 0 if form.groups else None)) for form, name in self._forms)
         return next((name for name, each in made if each.reading is not None and text in each.reading.states), None)
 

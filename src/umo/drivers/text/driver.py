@@ -43,8 +43,9 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
         ask, answer: the request that reads, and the pattern of its answer (default "{}": the number alone).
         states: answers that stand for levels, { 0 = "OFF", 1 = ["ON", "1"] }, instead of a number.
         set: the request that writes, "VOLT {:.3f}", or a request for each level, { 0 = "OUTP OFF", 1 = "OUTP ON" }.
-        acknowledge, confirm: as the options below, for this channel; "" and {} for none.
-        terminator, answer_terminator: the same; a terminator may be empty, as of a single control character.
+        acknowledge, confirm: like the options below, for this channel; "" and {} mean none.
+        terminator, answer_terminator: like the options below, for this channel; a terminator may be empty, for example
+            if the request is a single control character.
         sets_level: true if `set` sets a level, so that sending it twice does no more than once. Default: false, the
             request may be an event, such as a step: an actuator with on_error="retry" is refused.
         scale: the step of one raw integer: raw = number / scale, to the nearest. Without it numbers are whole.
@@ -55,40 +56,42 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
     Options:
         channels: the tables of the channels, by name.
         host: a TCP device, or a gateway to a serial line; a host name is looked up once, by `open`.
-        port: its TCP port. Default: 5025.
+        port: the TCP port. Default: 5025.
         serial: the device file of a serial line, in place of host and port.
-        baudrate: of the serial line, in bit/s. Default: 9600.
-        data_bits: of a character on the serial line, 5 to 8. Default: 8.
-        parity: of the serial line: "none", "even", "odd", "mark" or "space". Default: "none".
-        stop_bits: of a character on the serial line, 1 or 2. Default: 1.
+        baudrate: the speed of the serial line in bit/s. Default: 9600.
+        data_bits: the data bits of a character on the serial line, 5 to 8. Default: 8.
+        parity: the parity of the serial line: "none", "even", "odd", "mark" or "space". Default: "none".
+        stop_bits: the stop bits of a character on the serial line, 1 or 2. Default: 1.
         flow: flow control of the serial line: "none", "rtscts" or "xonxoff". Default: "none".
         dtr: the level of the serial line's output DTR while it is open. Default: true.
         terminator: the end of a request.
         answer_terminator: the end of an answer. Default: as terminator.
-        encoding: of requests and answers: "ascii", "latin-1" or "utf-8".
+        encoding: the encoding of requests and answers: "ascii", "latin-1" or "utf-8".
         errors: patterns of answers with which the device refuses a request.
         acknowledge: the pattern of the answer to a request that sets.
         confirm: a query after each request that sets, { ask = "SYST:ERR?", answer = '*0,"No error"' }.
         identify: a query after connecting, { ask = "*IDN?", answer = "ACME,PSU*" }: any other device is refused.
         startup: requests that are sent after each connection is made.
-        skip_empty_lines: empty lines of the device count for nothing, as before an answer that begins with a newline.
-        echo: the device repeats each request before it answers.
-        together: what joins several queries in one line, and their answers, such as ";"; requests that set, too.
-        longest_request: characters of such a line at most.
-        longest_answer: bytes of an answer at most.
-        pause: s between an answer and the next request.
-        boot_time: s that the device may need after connecting; on a serial line only after the first connection, or if
-            the device had been removed.
+        skip_empty_lines: ignore empty lines of the device, for example if its answers begin with a newline.
+        echo: true if the device repeats each request before it answers.
+        together: the text that joins several queries in one line, and their answers, such as ";". It also joins
+            requests that set.
+        longest_request: the largest number of characters of such a line.
+        longest_answer: the largest number of bytes of an answer.
+        pause: the time in s between an answer and the next request.
+        boot_time: the time in s that the device may need after connecting; on a serial line only after the first
+            connection, or if the device had been removed.
         greeting: the pattern of a line from the device that ends boot_time early.
-        quiet: s for which the device must send nothing before a new connection is used. Default: 0.5 on a serial line,
-            0 on TCP.
+        quiet: the time in s for which the device must send nothing before a new connection is used. Default: 0.5 on a
+            serial line, 0 on TCP.
         watchdog_set: the request that arms the device's watchdog, with {s} or {ms} for the time; 0 disarms it.
 
-    Each call returns within `timeout`, including a reconnection. There is no retry. After a timeout, an answer that is
-    neither as declared nor in `errors`, or unrequested data, the connection is closed, and the next call opens it
-    again. A serial line has no transaction numbers: an answer that comes later than `timeout` + `quiet` after its
-    request can be taken for that of another, unless `identify` finds it. `quiet` is doubled with each failure in
-    succession, up to 16 times. A channel without acknowledge and confirm counts as written when its request is sent.
+    Each call returns within `timeout`, including a reconnection. There is no retry. The connection is closed after a
+    timeout, after an answer that is neither as declared nor in `errors`, and after unrequested data. The next call
+    opens it again. A serial line has no transaction numbers: an answer that comes later than `timeout` + `quiet` after
+    its request can be taken for the answer to another request, unless `identify` detects it. `quiet` is doubled with
+    each failure in succession, up to 16 times. A channel without acknowledge and confirm counts as written when its
+    request is sent.
     """
 
     forms = ("NAME", "NAME with a number in place of {n} (names of the option channels)")
@@ -171,11 +174,11 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
         return self._channels.named(text)
 
     def devices(self) -> Sequence[str]:
-        """The host's addresses and port, or the device file."""
+        """Return the host's addresses and port, or the device file."""
         return self.place.devices()
 
     def physical_scale(self, channel: TextChannel) -> PhysicalScale | None:
-        """The scale of a channel that has units; zero_offset is 0."""
+        """Return the scale of a channel that has units; zero_offset is 0."""
         return channel.physical
 
     def open(self) -> None:
@@ -195,8 +198,8 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
         in_turn(plan, lambda line: line.read(link, out), _texts_of, _ends_call)
 
     def look(self) -> bool | None:
-        """Look for the device by a query that is made anyway, or by `identify`; if it is never queried, by
-        connecting."""
+        """Look for the device by a query that is made anyway, or by `identify`. If the device is never queried, only
+        connect."""
         if self._link is None:
             return False
         plan = self._reads.last

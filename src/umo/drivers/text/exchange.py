@@ -24,7 +24,7 @@ class QueryLine(NamedTuple):
     queries: int
     """Number of queries that the line joins."""
     takers: tuple[tuple[int, int, TextChannel], ...]
-    """The place in the block of each channel, and the number of its query in the line."""
+    """The index of each channel in the block, and the number of the channel's query in the line."""
 
     @property
     def texts(self) -> list[str]:
@@ -32,8 +32,8 @@ class QueryLine(NamedTuple):
         return [channel.text for _, _, channel in self.takers]
 
     def read(self, link: TextLink, out: IntArray) -> None:
-        """Put the values of an answer into their places. Raises ChannelsFailed for channels for which the device has no
-        value."""
+        """Store the values of an answer at their indices. Raises ChannelsFailed for channels for which the device has
+        no value."""
         answer = link.ask(self.request, self.ends)
         answers = [answer] if self.queries == 1 else answer.split(self.by)
         if len(answers) != self.queries:
@@ -56,8 +56,8 @@ class QueryLine(NamedTuple):
 
 
 class RequestLine(NamedTuple):
-    """Channels that are written, and the confirmation by the device. `by` joins their requests into one line, or None
-    if it is one channel."""
+    """Channels that are written together, and the confirmation by the device. `by` joins their requests into one line;
+    None for one channel."""
 
     places: tuple[int, ...]
     texts: tuple[str, ...]
@@ -97,7 +97,7 @@ def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) ->
 
 
 def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[RequestLine, ...]:
-    """Return one request per channel. Consecutive ones without acknowledgement are joined by `by`, if given."""
+    """Return one request per channel. Consecutive requests without acknowledgement are joined by `by`, if given."""
     lines: list[RequestLine] = []
     for (acknowledge, confirm, ends), run in groupby(range(len(channels)), lambda i: channels[i].done):
         places = tuple(run)
@@ -110,7 +110,7 @@ def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[Reques
 
 def joined(requests: Sequence[str], by: str | None, longest: int) -> list[list[int]]:
     """Return groups of requests, by their index, that fit into one line of at most `longest` characters; without `by`
-    each request is alone."""
+    each group has one request."""
     groups: list[list[int]] = []
     length = 0
     for i, request in enumerate(requests):

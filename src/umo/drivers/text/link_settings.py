@@ -26,20 +26,20 @@ class LinkSettings:
     quiet: float
     boot_time: float
     starts_always: bool
-    """True if each new connection starts the device; else only the first one does."""
+    """True if each new connection starts the device; otherwise only the first connection does."""
     longest_answer: int
     skip_empty_lines: bool
 
     def encoded(self, request: str, ends: Ends) -> bytes:
-        """The bytes of a request with its terminator."""
+        """Return the bytes of a request with its terminator."""
         terminator = self.terminator if ends.request is None else ends.request
         return (request + terminator).encode(self.encoding)
 
     def end(self, ends: Ends) -> bytes:
-        """The bytes that end its answer."""
+        """Return the bytes that end the answer to a request."""
         return (ends.answer or self.answer_terminator).encode(self.encoding)
 
 
 def is_blank(line: bytes) -> bool:
-    """True if a line has blanks only."""
+    """Return True if a line has blanks only."""
     return not line.strip(LINE_BLANKS.encode())

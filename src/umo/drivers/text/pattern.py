@@ -1,4 +1,4 @@
-"""The answers of a line protocol: their patterns, and the numbers in them. Pure functions."""
+"""The patterns of the answers of a line protocol, and the numbers in these answers. The functions are pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from umo.errors import DriverError, WiringError
 
 BLANKS = " \t\r"
 LINE_BLANKS = f"{BLANKS}\n"
-"""Blanks at the ends of a line, which a terminator other than a newline may leave."""
+"""The blanks at the ends of a line that may remain if the terminator is not a newline."""
 _SHOWN_CHARACTERS = 60
 _WILD = re.compile(r"(\{\}|\*)")
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -20,7 +20,7 @@ _OVERFLOW = Decimal("9.9E37")
 _MAX_SAFE_LENGTH = 18
 """Characters of a number up to which no check for an overflow is needed."""
 EXACT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
-"""Arithmetic of 60 digits: enough for 64 bits, a scale, and the decimals that decide the rounding."""
+"""The arithmetic with 60 digits: enough for 64 bits, a scale, and the decimals that decide the rounding."""
 
 
 class NoValue(DriverError):
@@ -33,18 +33,18 @@ class UnexpectedAnswer(DriverError):
 
 
 def shown(text: object) -> str:
-    """Text of the device for a message: quoted, and not more than 60 characters of it."""
+    """Return a text of the device for a message: at most 60 characters, quoted."""
     whole = repr(text)
     return whole if len(whole) <= _SHOWN_CHARACTERS else f"{whole[:_SHOWN_CHARACTERS]}..."
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """The form of an answer: text in which `{}` is the value and `*` any text, or a regular expression `/.../` whose
-    only group is the value.
+    """The form of an answer: a text in which `{}` is the value and `*` is any text, or a regular expression `/.../`
+    whose only group is the value.
 
-    `{}` and `*` end at the first place where the following text of the pattern occurs; the last one extends to the end
-    of the line. Control characters match only control characters of the pattern. Blanks at both ends are ignored.
+    `{}` and `*` end where the following text of the pattern first occurs; the last one extends to the end of the line.
+    Control characters match only control characters of the pattern. Blanks at both ends are ignored.
     """
 
     text: str
@@ -54,7 +54,7 @@ class Pattern:
     regex: re.Pattern[str] | None = field(init=False, compare=False, default=None)
     pieces: tuple[str, ...] = field(init=False, compare=False, default=())
     is_whole_line: bool = field(init=False, compare=False, default=False)
-    """True if it is "{}": the whole line is the value."""
+    """True if the pattern is "{}": the whole line is the value."""
 
     def __post_init__(self) -> None:
         text = self.text
@@ -108,8 +108,8 @@ class Pattern:
 
 @dataclass(frozen=True)
 class RawOf:
-    """Computes the raw integer of a number like `raw_of`, but without Decimal if the number has no more digits than the
-    scale."""
+    """A function that computes the raw integer of a number like `raw_of`, but without Decimal if the number has no more
+    digits than the scale."""
 
     scale: Decimal | None
     factors: tuple[int, ...] = field(init=False, compare=False, default=())
@@ -129,8 +129,8 @@ class RawOf:
 
 
 def raw_of(text: str, scale: Decimal | None) -> int:
-    """The number in the text divided by the scale, to the nearest whole number, half to even; exact for any digits.
-    Without a scale the number must be whole.
+    """Return the number in the text divided by the scale, to the nearest whole number, half to even. The result is
+    exact for any number of digits. Without a scale the number must be whole.
 
     Raises UnexpectedAnswer for a text that is not a number, and NoValue for NAN and INF, and for 9.9E37 (infinity) and
     9.91E37 (not a number) of SCPI-1999, volume 1, section 7.2.1.

@@ -1,5 +1,5 @@
-"""The requests of a line protocol that carry a number: the number is written without loss, or refused. Pure
-functions."""
+"""The requests of a line protocol that contain a number. The number is written without loss, or refused. The functions
+are pure."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Template:
 
 
 def numbered(thing: Any, n: int, where: str) -> Any:
-    """Return a table with `{n}` and `{n:02d}` in its texts replaced by the number of the channel. Raises WiringError
+    """Return a table in whose texts `{n}` and `{n:02d}` are replaced by the number of the channel. Raises WiringError
     for another format."""
 
     def written(found: re.Match[str]) -> str:

@@ -21,25 +21,25 @@ _MAX_DOUBLINGS = 4
 
 
 class TextLink:
-    """One connection. It is dropped after any failure except an error answer of the device, and the next call opens it
-    again. On TCP a late answer is lost with the connection. On a serial line received data are discarded until the line
-    has been quiet for a time; then the answer to `identify` shows that no late answer is pending."""
+    """One connection. After any failure except an error answer of the device, the connection is dropped, and the next
+    call opens it again. On TCP a late answer is lost with the connection. On a serial line received data are discarded
+    until the line has been quiet for a time; then the answer to `identify` shows that no late answer is pending."""
 
     def __init__(self, dial: Dial, dialogue: LinkSettings) -> None:
         self._dial, self._dialogue = dial, dialogue
         self._search = TextLook(dial, dialogue)
         self.errors, self._longest = dialogue.errors, dialogue.longest_answer
         self._end = self._drivers_end = dialogue.end(DRIVERS_ENDS)
-        """The bytes that end the answer to the last request, and those of the driver."""
+        """The bytes that end the answer to the last request, and the bytes that end answers by default."""
         self._stream: Stream | None = None
         self._ready = False
         self._was_found = False
         """True if the device has answered a look on this connection."""
         self._is_known_idle = False
-        """True if it is known that nothing has come in unasked since the last look."""
+        """True if it is known that no unrequested data have arrived since the last look."""
         self._boots = True
         self._failures = 0
-        """Connections that were dropped in succession."""
+        """The number of connections that were dropped in succession."""
         self._data = bytearray()
         self._timeout = self._deadline = 0.0
         self._started = self._heard = self._free = 0.0
@@ -68,7 +68,8 @@ class TextLink:
 
     def look(self, query: str, ends: Ends, seconds: float) -> bool | None:
         """Return whether the device answers this query in any way, on a new connection and without waiting; without a
-        query, whether it can be connected. None if not known yet. Raises DriverError if it does not answer now."""
+        query, whether a connection is possible. None if this is not known yet. Raises DriverError if the device does
+        not answer now."""
         if (self._ready or self._was_found) and self._stream is not None and self._stream.idle():
             return True  # it answered the last request: any failure would have dropped the connection
         try:
@@ -87,7 +88,7 @@ class TextLink:
         return True
 
     def ask(self, request: str, ends: Ends = DRIVERS_ENDS) -> str:
-        """Send a query, and return the device's answer. NoValue if it is one of the error answers."""
+        """Send a query, and return the device's answer. Raises NoValue if it is one of the error answers."""
         self._send(request, ends)
         line = self._line(request)
         if self._data and not self._skips(self._data):
@@ -97,7 +98,7 @@ class TextLink:
         return line
 
     def refuse(self, line: str, request: str) -> None:
-        """Check a line. NoValue if it is one of the error answers."""
+        """Check a line. Raises NoValue if it is one of the error answers."""
         for pattern in self.errors:
             if pattern.match(line) is not None:
                 raise NoValue(f"the device answers {shown(line)} to {shown(request)}")

@@ -1,4 +1,4 @@
-"""Looking for a device that speaks in lines, without waiting for it."""
+"""The search for a device that speaks in lines, without waiting for it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from umo.drivers.text.pattern import shown
 
 
 class TextLook(Look):
-    """Connects, waits until the device has started and the line is quiet, sends a query and looks for a line with the
-    answer."""
+    """A look that connects, waits until the device has started and the line is quiet, sends a query and checks for a
+    line with the answer."""
 
     def __init__(self, dial: Dial, dialogue: LinkSettings) -> None:
         super().__init__(dial)

@@ -1,1 +1,1 @@
-"""Values and runs as text and HTML, the same in the terminal, the notebook, the page and in files."""
+"""Values and runs as text and HTML. The forms are the same in the terminal, the notebook, the page and files."""

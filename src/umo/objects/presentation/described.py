@@ -1,8 +1,8 @@
 """The meaning of a value of a machine: its kind, unit, range, states and digits, and the value as a text.
 
-It is made from the plain data in frames and recordings: those of an object (made by `umo.objects.description`), a
-signal, a tunable number, an argument, or the state of equipment. Only this module examines the plain data to find which
-of these it is.
+The meaning is read from the plain data in frames and recordings. The data describe an object (`umo.objects.description`
+makes them), a signal, a tunable number, an argument, or the state of equipment. Only this module examines the data to
+find out which of these they describe.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Described:
 
     @property
     def is_object(self) -> bool:
-        """True if it is an object, among the values of a frame."""
+        """True if the value is that of an object, so that it is among the values of a frame."""
         return "kind" in self.plain
 
     @property
@@ -50,22 +50,22 @@ class Described:
 
     @property
     def is_synchronous(self) -> bool:
-        """True if its value belongs to the period, which is so for all except asynchronous objects."""
+        """True if the value belongs to the period. This is so for all values except those of asynchronous objects."""
         return bool(self.plain.get("synchronous", True))
 
     @property
     def is_binary(self) -> bool:
-        """True if it is a level, whose two states are 1 and 0."""
+        """True if the value is a level, with the two states 1 and 0."""
         return "one" in self.plain
 
     @property
     def is_number(self) -> bool:
-        """True if it has no states."""
+        """True if the value has no states."""
         return not self.is_binary and "states" not in self.plain
 
     @property
     def wire(self) -> str:
-        """The channel on which an object is, or "" if it is not connected."""
+        """The channel of an object; "" if the object is not connected."""
         return str(self.plain.get("wire", ""))
 
     @property
@@ -77,7 +77,7 @@ class Described:
 
     @property
     def unit(self) -> str:
-        """Return the unit as declared, "mm/s**2"; "" if there is none."""
+        """The unit as declared, "mm/s**2"; "" if there is none."""
         return str(self.plain.get("unit") or "")
 
     @property
@@ -96,7 +96,7 @@ class Described:
 
     @property
     def resolution(self) -> float | None:
-        """The change of the value for one bit, or None if its values are not on such a scale."""
+        """The change of the value for one bit, or None if the values have no such scale."""
         return self.plain.get("resolution")
 
     @property
@@ -106,7 +106,7 @@ class Described:
 
     @cached_property
     def states(self) -> Mapping[int, str]:
-        """The names of its states by number, or empty if it is a number."""
+        """The names of the states by number; empty for a number."""
         if self.is_binary:
             return {0: str(self.plain["zero"]), 1: str(self.plain["one"])}
         states = self.plain.get("states", {})
@@ -114,12 +114,12 @@ class Described:
         return {number: str(name) for number, name in named}
 
     def number_of(self, state: str) -> float | None:
-        """Return the value of a state; None if it has no state of this name."""
+        """Return the value of the state with this name; None if there is no such state."""
         return next((float(number) for number, name in self.states.items() if name == state), None)
 
     @cached_property
     def default(self) -> float | None:
-        """The safe value of an actuator, for a state, its number."""
+        """The safe value of an actuator; for a state, the number of the state."""
         default = self.plain.get("default")
         return self.number_of(str(default)) if self.states else default
 
@@ -137,22 +137,22 @@ class Described:
 
     @cached_property
     def digits(self) -> int | None:
-        """Digits after the point, or None if it has no resolution."""
+        """The number of digits after the point; None if the value has no resolution."""
         return digits_of(float(self.resolution), self.zero_offset) if self.resolution else None
 
     def state(self, value: float) -> str:
-        """The name of a state; the number as a text if it is not a state."""
+        """Return the name of a state; if there is no such state, the number as a string."""
         if self.is_binary:
             return self.states[int(value > 0.5)]
         return self.states.get(int(value), number_text(value))
 
     def value(self, value: float) -> float | str:
-        """The name of its state, or the number."""
+        """Return the name of the state, or the number if there are no states."""
         return value if self.is_number or not isfinite(value) else self.state(value)
 
     def text(self, *values: float) -> str:
-        """Return the value with its unit, or the state. For a family: the least to the greatest value, or the number of
-        objects in each state. For named values: the name of each."""
+        """Return the value with its unit, or the state. For a family, return the range from the least to the greatest
+        value, or the number of objects in each state. For named values, return the name of each."""
         known = [value for value in values if isfinite(value)]
         if not known:
             return NO_VALUE
@@ -189,14 +189,14 @@ class Described:
 
     @property
     def file_form(self) -> str:
-        """Format of its number in a file: that of an object stands for one raw integer; others have all of their
-        digits."""
+        """The format of the number in a file. The number of an object has enough digits to stand for one raw integer;
+        other numbers have all of their digits."""
         digits = 0 if self.is_binary else self.digits
         return "{}" if digits is None else f"{{:z.{digits}f}}"
 
     def in_unit(self, unit: str, line: tuple[float, float] | None) -> Described:
         """Return the description of the number in another unit. `line`: factor and offset of the conversion, or None if
-        its resolution varies there."""
+        the resolution varies in the other unit."""
         about = {name: fact for name, fact in self.plain.items() if name not in ("resolution", "zero_offset")}
         if line is not None and self.resolution is not None:
             factor, offset = line

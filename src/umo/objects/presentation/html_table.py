@@ -1,4 +1,4 @@
-"""Tables in HTML, for notebooks. They use the colours and the font of the notebook, light or dark."""
+"""Tables in HTML, for notebooks. They use the colours (light or dark) and the font of the notebook."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ STYLE = (
 
 
 def heading(title: str, facts: Mapping[str, str]) -> str:
-    """A line with the facts that are not empty."""
+    """Return a line with the facts that are not empty."""
     said = (f"{escape(name)}: {escape(text)}" for name, text in facts.items() if text)
     return f"<div><b>{escape(title)}</b> &ensp;{' · '.join(said)}</div>"
 
 
 def html_table(title: str, facts: Mapping[str, str], rows: Sequence[TableRow], *, values: bool = True) -> str:
-    """Return a table with a line for each row, and one line for similar rows of lists, with their values or, if
-    `values` is False, their declarations. Empty columns are left out."""
+    """Return a table with a line for each row, and one line for similar rows of lists. The table shows values or, if
+    `values` is False, declarations. Empty columns are left out."""
     whole = [[rows[place] for place in places] for places in lines([row.about.path for row in rows])]
     shown = whole[:MAX_LINES]
     cells = {name: [text(line) for line in shown] for name, text in (VALUES if values else DECLARED).items()}
@@ -54,7 +54,7 @@ def _cell(column: str, text: str) -> str:
 
 
 def never_raises(make: Callable[[T], str]) -> Callable[[T], str]:
-    """Decorate `_repr_html_`, so that an object that cannot be shown displays the reason."""
+    """Decorate `_repr_html_`, so that a notebook shows the reason if an object cannot be shown."""
 
     @wraps(make)
     def shown(thing: T) -> str:

@@ -1,8 +1,10 @@
-"""Identities: the names of a machine in the alphabet of a protocol, unique and constant, by one escape.
+"""Identities: the names of a machine in the alphabet of a protocol. They are unique and constant, and all protocols use
+the same escape.
 
-A character that a protocol cannot have, or that means something else there, is written as `_xHHHH_`: its code point in
-four hexadecimal digits, or eight (ISO/IEC 9075-14). A `_` before a text that looks like such a code is escaped, too.
-Nothing is left out or replaced, so that two names never have one identity, and an identity depends on no other name.
+A character that a protocol cannot represent, or that has another meaning in the protocol, is written as `_xHHHH_`: its
+code point in four or eight hexadecimal digits (ISO/IEC 9075-14). A `_` before characters that look like such a code is
+escaped, too. Nothing is left out or replaced, so that two names never have one identity, and an identity depends on no
+other name.
 """
 
 from __future__ import annotations
@@ -13,9 +15,9 @@ from dataclasses import dataclass
 from hashlib import sha256
 
 Kept = Callable[[str], bool]
-"""Returns True if a protocol can represent a character."""
+"""The function that returns True if a protocol can represent a character."""
 NO_NAME = "\0"
-"""Stands for a part without a name; it occurs nowhere else."""
+"""The escape for a part without a name. It occurs nowhere else."""
 DIGEST = 16
 """Number of hexadecimal digits of the digest at the end of a shortened identity: 64 bits."""
 _CODE = re.compile(r"_x([0-9A-F]{8}|[0-9A-F]{4})_")
@@ -29,12 +31,14 @@ def is_word(character: str) -> bool:
 
 
 def is_encodable(character: str) -> bool:
-    """True if UTF-8 can encode the character. A folder's name may have others, which stand for bytes."""
+    """Return True if UTF-8 can encode the character. The name of a folder may have other characters, which stand for
+    bytes."""
     return not 0xD800 <= ord(character) < 0xE000
 
 
 def is_text(character: str) -> bool:
-    """True if a UTF-8 text of MQTT or OPC UA may have the character. A slash divides texts and is excluded."""
+    """Return True if a UTF-8 string of MQTT or OPC UA may have the character. A slash divides strings and is
+    excluded."""
     code = ord(character)
     is_control = code < 0x20 or 0x7F <= code < 0xA0
     is_no_character = code & 0xFFFE == 0xFFFE or 0xFDD0 <= code < 0xFDF0
@@ -42,12 +46,12 @@ def is_text(character: str) -> bool:
 
 
 def is_topic(character: str) -> bool:
-    """True if one level of a topic of MQTT may have the character."""
+    """Return True if one level of a topic of MQTT may have the character."""
     return is_text(character) and character not in "+#"
 
 
 def escaped(text: str, kept: Kept, words: Collection[str] = ()) -> str:
-    """Return a text in an alphabet. `words`: texts with another meaning, whose first character is escaped."""
+    """Return a string in an alphabet. `words`: strings with another meaning; their first character is escaped."""
     text = text or NO_NAME
     first = text in words
     return "".join(
@@ -57,13 +61,13 @@ def escaped(text: str, kept: Kept, words: Collection[str] = ()) -> str:
 
 
 def unescaped(text: str) -> str:
-    """Return the original of an escaped text."""
+    """Return the original of an escaped string."""
     return _CODE.sub(lambda found: chr(int(found[1], 16)), text).replace(NO_NAME, "")
 
 
 def shortened(identity: str, length: int) -> str:
-    """An identity with at most this number of characters. The end of a longer one is replaced by a digest of the whole.
-    The same is done to an identity that looks shortened, because it could equal a shortened one."""
+    """Return an identity with at most this number of characters. The end of a longer identity is replaced by a digest
+    of the whole. The same is done to an identity that looks shortened, because it could equal a shortened identity."""
     if len(identity) < length or (len(identity) == length and not _LOOKS_CUT.search(identity)):
         return identity
     return f"{identity[: length - DIGEST - 1]}.{sha256(identity.encode()).hexdigest()[:DIGEST]}"
@@ -74,7 +78,7 @@ class Identities:
     """The identities of one protocol."""
 
     separator: str
-    """Replaces the dots of a path: a character outside the alphabet, or a dot."""
+    """The character that replaces the dots of a path. It is outside the alphabet, or is a dot."""
     mark: str
     """The text between kind and path, if the kind precedes the path."""
     kept: Kept
@@ -89,11 +93,11 @@ class Identities:
         return f"{kind}{self.mark}{inside}" if kind else inside
 
     def part(self, name: str) -> str:
-        """One part of a path."""
+        """Return the identity of one part of a path."""
         return escaped(name, self.kept)
 
     def path(self, identity: str) -> str:
-        """The path of an identity without a kind."""
+        """Return the path of an identity without a kind."""
         return ".".join(map(unescaped, identity.split(self.separator)))
 
 

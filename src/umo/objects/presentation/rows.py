@@ -1,4 +1,4 @@
-"""Objects, signals and tunable numbers as rows of a table: with similar ones in one line, and with the texts of the
+"""Objects, signals and tunable numbers as rows of a table, with similar rows in one line, and the texts of the
 cells."""
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ FOLDED_FROM = 3
 
 
 def generalised(path: str) -> str:
-    """A path with `*` for its indexes."""
+    """Return a path with `*` for its indexes."""
     return ".".join(ANY if part.isdigit() else part for part in path.split("."))
 
 
 def families(paths: Iterable[str]) -> dict[str, list[int]]:
-    """The places of the paths by family, such as `zones.*.heater`, in the order of the first members."""
+    """Return the indices of the paths by family, such as `zones.*.heater`, in the order of the first members."""
     found: dict[str, list[int]] = {}
     for place, path in enumerate(paths):
         found.setdefault(generalised(path), []).append(place)
@@ -32,7 +32,7 @@ def families(paths: Iterable[str]) -> dict[str, list[int]]:
 
 
 def folded(paths: Sequence[str]) -> str:
-    """The name of a family: `zones[0..39].heater`, `zones[0..2, 4..39].heater`."""
+    """Return the name of a family: `zones[0..39].heater`, `zones[0..2, 4..39].heater`."""
     name = ""
     for parts in zip(*(path.split(".") for path in paths), strict=True):
         if not parts[0].isdigit() or len(numbers := {int(part) for part in parts}) == 1:
@@ -60,8 +60,8 @@ LikeRows = Sequence[TableRow]
 
 
 def lines(paths: Sequence[str]) -> list[list[int]]:
-    """The places of the rows in each line: families together, the others one by one, in the order of the parts of the
-    machine."""
+    """Return the indices of the rows in each line: the rows of a family together, other rows one by one, in the order
+    of the parts of the machine."""
     parts: dict[str, list[list[int]]] = {}
     for path, places in families(paths).items():
         part = parts.setdefault(path.partition(".")[0] if "." in path else "", [])
@@ -70,7 +70,7 @@ def lines(paths: Sequence[str]) -> list[list[int]]:
 
 
 def restriction(reason: str | None, by_client: bool = False) -> str:
-    """Return why the program cannot write an actuator, and who has it; empty if it can."""
+    """Return why the program cannot write an actuator, and who has the actuator; empty if the program can write it."""
     return f"⊘ {BY_CLIENT if by_client else INHIBITED}: {reason}" if reason else ""
 
 
@@ -79,7 +79,7 @@ def value_of(line: LikeRows) -> str:
 
 
 def worst_of(line: LikeRows) -> int:
-    """The number of the worst quality; 0 if there is none."""
+    """Return the number of the worst quality; 0 if there is none."""
     return max(row.quality or 0 for row in line)
 
 
@@ -91,13 +91,14 @@ def quality_of(line: LikeRows) -> str:
 
 
 def sentence_of(row: TableRow, width: int = 0) -> str:
-    """Path, value, quality and note of one object, separated by two blanks, with the path padded to this width."""
+    """Return path, value, quality and note of one object, separated by two blanks, with the path padded to this
+    width."""
     cells = [f"{row.about.path:{width}}", value_of([row]), quality_of([row]), note_of([row])]
     return printable("  ".join(filter(None, cells)))
 
 
 def raw_of(line: LikeRows) -> str:
-    """The raw integer of one object; empty where there is no value yet."""
+    """Return the raw integer of one object; empty if there is no value yet."""
     row = line[0]
     return "" if len(line) > 1 or row.raw is None or row.value != row.value else str(row.raw)
 

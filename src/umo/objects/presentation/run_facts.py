@@ -39,9 +39,9 @@ def facts_of(
     period: float | None = None,
     faults: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, str]:
-    """Facts by name, in the order in which they are shown, or empty if there is nothing to say. `holder` of the lease,
-    `driven` (`driven_text`), `time` in s on the cycle's clock, `missed` periods, `period` in s, `faults`: the reasons
-    of equipment in fault by its path."""
+    """Return the facts by name, in the order in which they are shown; empty if there are none. `holder`: who has the
+    lease. `driven`: the result of `driven_text`. `time` is in s on the cycle's clock, `missed` is a number of periods,
+    `period` is in s. `faults`: the reasons of equipment in fault by its path."""
     text, done, total = progress
     return {
         "state": str(state),
@@ -64,8 +64,8 @@ def fault_texts(faults: Mapping[str, str]) -> list[str]:
 
 
 def driven_text(actuators: Iterable[tuple[Described, float, bool]], holder: str) -> str:
-    """The actuators that are away from their defaults in manual mode, and why: `spindle 240 rpm (its law), clamp ON
-    (held, or its law)`. `actuators`: each object, its value, whether a client has taken it."""
+    """Return the actuators that are away from their defaults in manual mode, and why: `spindle 240 rpm (its law), clamp
+    ON (held, or its law)`. `actuators`: each object with its value, and whether a client has taken it."""
     found = [each for each in actuators if each[0].default is not None and each[1] != each[0].default]
     shown = found[:MAX_DRIVEN]
     texts = [f"{about.path} {about.text(value)} ({_cause(about, taken, holder)})" for about, value, taken in shown]
@@ -88,7 +88,7 @@ def clock_text(seconds: float, period: float = 0.0) -> str:
 
 
 def since(started: float, lasted: float | None) -> str:
-    """Format a start time, such as `09:14:03 (3 min)`, from its time in s since 1970 and the elapsed s on a monotonic
-    clock, because the computer's clock may have been set. None if the elapsed time is not known."""
+    """Format a start time, such as `09:14:03 (3 min)`. `started` is in s since 1970. `lasted` is the elapsed time in s
+    on a monotonic clock, because the computer's clock may have been set since the start; None if it is not known."""
     passed = "" if lasted is None else f" ({lasting(lasted)})"
     return f"{time_of_day(started, '%H:%M:%S')}{passed}"

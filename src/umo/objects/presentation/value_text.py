@@ -9,9 +9,9 @@ from math import isfinite
 from umo.digits import number_text
 
 SIGNS = "●▲◇◔✕"
-"""Signs next to the words, because colour alone is not sufficient."""
+"""The signs of the qualities, shown next to the words because colour alone is not sufficient."""
 WORDS = ("good", "out of range", "unreferenced", "stale", "bad")
-"""The qualities of a value (`umo.Quality`) as text, and why it is not good."""
+"""The qualities of a value (`umo.Quality`) as text, and why the value is not good."""
 WHY = (
     "",
     "beyond its range",
@@ -34,7 +34,7 @@ SHOWN_NAMES = {
     **{f"u{unit}": f"µ{unit}" for unit in ("m", "s", "V", "A", "W", "N", "g", "F", "H", "J", "T", "L", "l", "rad")},
 }
 SILENT_UNITS = ("sampling_period", "dimensionless")
-"""Units that are not shown if they are the whole unit."""
+"""The units that are not shown if they stand alone."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NAME = re.compile(r"[^\W\d]\w*")
 _POWER = re.compile(r"\s*(?:\*\*|\^)\s*\+?(-?\d+)(?![.\d])")
@@ -51,7 +51,7 @@ def shown_unit(unit: str) -> str:
 
 
 def measure(value: float, unit: str, digits: int | None = None) -> str:
-    """A number with its unit, for messages: `12.5 mm/s²`, `nan mm`."""
+    """Return a number with its unit, for messages: `12.5 mm/s²`, `nan mm`."""
     text = number_text(value, digits) if isfinite(value) else str(float(value))
     return f"{text} {shown_unit(unit)}".rstrip()
 

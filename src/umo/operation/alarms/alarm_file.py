@@ -1,7 +1,7 @@
-"""The history of alarms over restarts: a small file of lines of JSON for each station, in the lasting state folder.
+"""The history of alarms over restarts: a small file with lines of JSON for each station, in the permanent state folder.
 
-It is written off the loop: never in a control process, and never in a guardian's look. Two generations are kept, each
-of at most `MAX_BYTES`. An incomplete or foreign line does not affect the other lines.
+It is never written in a control process or in a look of a guardian. Two generations are kept, each of at most
+`MAX_BYTES`. An incomplete or foreign line does not affect the other lines.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ except ImportError:  # a system without it
 FOLDER = "alarms"
 SUFFIX = ".jsonl"
 MAX_BYTES = 1 << 20
-"""Largest number of bytes of a file; then it becomes the older generation."""
+"""The largest number of bytes of a file. A file of this size becomes the older generation."""
 MAX_NAME = 100
 """Largest length of a station's name in the name of a file, in characters."""
 
 TRIES = 100
-"""Number of times that a file is opened again because another writer has begun a new one."""
+"""The number of times that a file is opened again because another writer has begun a new file."""
 
 
 class AlarmRecord(NamedTuple):
     """One change of an alarm."""
 
     when: float
-    """Time in s since 1970 at which the writer read the event, shortly after it happened."""
+    """The time in s since 1970 at which the writer has read the event, shortly after it happened."""
     time: float
     """Time in s on the cycle's clock."""
     path: str
@@ -58,12 +58,12 @@ def file_of(station: str) -> Path:
 
 
 LOCK_TIMEOUT = 0.2
-"""Timeout in s for another writer of the file, which is another run of the station. Writing is tried again at the next
-look."""
+"""The time in s to wait for another writer of the file, which is another run of the station. Writing is tried again at
+the next look."""
 
 
 def append(file: Path, records: Iterable[AlarmRecord]) -> None:
-    """Add records at the end, all or none of them. Raises OSError if they cannot be written."""
+    """Add records at the end: either all of them or none. Raises OSError if they cannot be written."""
     data = "".join(f"{json.dumps(record._asdict())}\n" for record in records).encode()[-MAX_BYTES:]
     if not data:
         return
@@ -112,13 +112,13 @@ def _write(stream: FileIO, data: bytes, size: int) -> None:
 
 
 def older(file: Path) -> Path:
-    """The file of the older generation."""
+    """Return the file of the older generation."""
     return file.with_name(f"{file.name}.1")
 
 
 def read(file: Path) -> list[AlarmRecord]:
-    """The records that are kept, oldest first. Raises UmoError if a file cannot be read. A file that does not exist
-    counts as empty."""
+    """Return the records that are kept, oldest first. Raises UmoError if a file cannot be read. A file that does not
+    exist counts as empty."""
     found: list[AlarmRecord] = []
     for each in (older(file), file):
         try:

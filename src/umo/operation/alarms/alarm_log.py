@@ -1,4 +1,4 @@
-"""Finds when the alarms of one run were active, from the states in its frames."""
+"""The times at which the alarms of one run were active, found from the states in its frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from umo.operation.alarms.declaration import Priority
 from umo.operation.alarms.engine import RESULTS
 
 KEPT_SPANS = 10_000
-"""Number of the last active spans of an alarm that are kept; all are counted."""
+"""The number of the most recent active spans of an alarm that are kept. All spans are counted."""
 _IS_ACTIVE = np.isin(np.arange(256), [int(state) for state in RESULTS])
 
 
@@ -33,9 +33,9 @@ class ActiveSpan:
 
     path: str
     raised: float
-    """Time at which it became active, in s on the cycle's clock."""
+    """The time at which the alarm became active, in s on the cycle's clock."""
     cleared: float | None = None
-    """Time at which it was no longer active; None while it is."""
+    """The time from which on the alarm was no longer active; None while it is active."""
 
     def __str__(self) -> str:
         if self.cleared is None:
@@ -51,14 +51,14 @@ class AlarmOfRun:
     text: str
     priority: Priority
     raised: int = 0
-    """Number of times that it became active."""
+    """The number of times that the alarm became active."""
     cleared_s: float = 0.0
-    """Total time in s for which it was active, without a span that has not ended."""
+    """The total time in s for which the alarm was active, without a span that has not ended."""
     first: float = 0.0
     last: ActiveSpan | None = None
     was_put_away: bool = False
-    """True while it is shelved or out of service, and was active before: if it is active afterwards, that is the same
-    time."""
+    """True while the alarm is shelved or out of service, and was active before. If it is active afterwards, this counts
+    as the same occurrence."""
     state: AlarmState = AlarmState.NORMAL
 
     def active_s(self, now: float) -> float:
@@ -67,14 +67,14 @@ class AlarmOfRun:
         return self.cleared_s + (0.0 if open_since is None else max(now - open_since, 0.0))
 
     def in_words(self, now: float) -> str:
-        """Return the history as text: `the tank is too full (high): 3 times, 12.5 s in all, last from 50 s to 55 s`."""
+        """Return the history as text, such as `the tank is too full (high): 3 times, 12.5 s in all, last from 50 s to
+        55 s`."""
         times = f"{self.raised} times, {duration(self.active_s(now))} in all, last " if self.raised > 1 else ""
         return f"{self.text} ({self.priority}): {times}{self.last}"
 
 
 class AlarmLog:
-    """An observer that counts how often each alarm of a machine becomes active and for how long, and keeps the
-    times."""
+    """An observer that counts how often each alarm of a machine becomes active, and records when and for how long."""
 
     def __init__(self, described: Sequence[Mapping[str, Any]]) -> None:
         """`described`: the alarms as `DeclaredAlarm.describe` returns them, in the order of frames."""
@@ -84,7 +84,7 @@ class AlarmLog:
         ]
         self.spans: deque[ActiveSpan] = deque(maxlen=KEPT_SPANS)
         self.number = 0
-        """Number of times that an alarm became active."""
+        """The number of times that any alarm became active."""
         self.now = 0.0
         """Time of the last period, in s on the cycle's clock."""
         self._states = bytes(len(self.alarms))
@@ -116,7 +116,7 @@ class AlarmLog:
 
     @property
     def raised(self) -> list[AlarmOfRun]:
-        """The alarms that were active, those of a higher priority first, then in their order in time."""
+        """The alarms that were active, in the order of priority (the highest first) and then of time."""
         found = (each for each in self.alarms if each.raised)
         return sorted(found, key=lambda each: (-each.priority, each.first))
 

@@ -1,7 +1,8 @@
 """The state of an alarm (ISA-18.2, figure 3), as a table.
 
-In addition to the states of the standard there are two for a condition that cannot be evaluated; it counts as true,
-like that of an interlock. "Suppressed by design" is not a state here, because a condition can contain the suppression.
+In addition to the states of the standard there are two states for a condition that cannot be evaluated. Such a
+condition counts as true, like the condition of an interlock. "Suppressed by design" is not a state here, because a
+condition can contain the suppression.
 """
 
 from __future__ import annotations
@@ -18,28 +19,28 @@ class AlarmState(NamedNumber):
 
     NORMAL = 0
     UNACKNOWLEDGED = 1
-    """Active, and nobody has acknowledged it."""
+    """The alarm is active, and nobody has acknowledged it."""
     ACKNOWLEDGED = 2
-    """Active, and acknowledged."""
+    """The alarm is active and acknowledged."""
     RETURNED = 3
-    """No longer active, not acknowledged (RTN unacknowledged)."""
+    """The alarm is no longer active, and nobody has acknowledged it (RTN unacknowledged)."""
     LATCHED_UNACKNOWLEDGED = 4
-    """No longer active; it stays until it is acknowledged and reset."""
+    """The alarm is no longer active; it stays until it is acknowledged and reset."""
     LATCHED_ACKNOWLEDGED = 5
-    """No longer active, acknowledged; it stays until it is reset."""
+    """The alarm is no longer active, and it is acknowledged; it stays until it is reset."""
     SHELVED = 6
-    """Shelved by an operator, for a time."""
+    """An operator has shelved the alarm for a time."""
     OUT_OF_SERVICE = 7
-    """Removed from service for maintenance, until it is returned."""
+    """The alarm is removed from service for maintenance, until it is returned to service."""
     BAD_UNACKNOWLEDGED = 8
-    """Its condition cannot be evaluated, and nobody has acknowledged this."""
+    """The condition of the alarm cannot be evaluated, and nobody has acknowledged this."""
     BAD_ACKNOWLEDGED = 9
-    """Its condition cannot be evaluated; this is acknowledged."""
+    """The condition of the alarm cannot be evaluated, and this is acknowledged."""
 
 
 class Operation(IntEnum):
-    """The causes of a change: the first three come from the alarm's condition, the others from a client or the end of a
-    time."""
+    """The causes of a change: the first three come from the alarm's condition, the others come from a client or the end
+    of a time."""
 
     INACTIVE = 0
     ACTIVE = 1
@@ -49,19 +50,19 @@ class Operation(IntEnum):
     SHELVE = 5
     UNSHELVE = 6
     REMOVE = 7
-    """Remove it from service."""
+    """The alarm is removed from service."""
     RETURN = 8
-    """Return it to service."""
+    """The alarm is returned to service."""
 
 
 _S, _O = AlarmState, Operation
 TO_BE_ACKNOWLEDGED = frozenset((_S.UNACKNOWLEDGED, _S.RETURNED, _S.LATCHED_UNACKNOWLEDGED, _S.BAD_UNACKNOWLEDGED))
-"""The states from which an acknowledgement leads on."""
+"""The states that an acknowledgement changes."""
 PUT_AWAY = frozenset((_S.SHELVED, _S.OUT_OF_SERVICE))
 PUTTING_AWAY = frozenset((_O.SHELVE, _O.UNSHELVE, _O.REMOVE, _O.RETURN))
-"""The operations that shelve alarms or remove them from service, or end that."""
+"""The operations that shelve alarms, remove them from service, or end either."""
 ANNUNCIATED = frozenset(AlarmState) - PUT_AWAY - {_S.NORMAL}
-"""The states that are shown to an operator."""
+"""The states of alarms that are shown to an operator."""
 
 _PLAIN: Mapping[tuple[AlarmState, Operation], AlarmState] = {
     (_S.NORMAL, _O.ACTIVE): _S.UNACKNOWLEDGED,
@@ -98,15 +99,15 @@ _UNASKED = {
 
 
 def operations(state: AlarmState) -> frozenset[Operation]:
-    """The operations of a client that lead an alarm from this state to another one."""
+    """Return the operations of a client that lead an alarm from this state to another one."""
     found = {operation for (at, operation), to in _PLAIN.items() if at is state and to is not state}
     return frozenset(each for each in found if each > Operation.CANNOT_EVALUATE)
 
 
 @cache
 def transitions(latch: bool, acknowledge: bool) -> Mapping[tuple[AlarmState, Operation], AlarmState]:
-    """Return the next state by state and operation, for alarms with these options. A missing combination changes
-    nothing."""
+    """Return the next state for each state and operation, for alarms with these options. A combination that is missing
+    changes nothing."""
     table = dict(_PLAIN)
     if latch:
         table |= {at: _LATCHED.get(to, to) for at, to in table.items() if at[1] is _O.INACTIVE}

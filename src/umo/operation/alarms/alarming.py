@@ -1,4 +1,4 @@
-"""Alarms of a connected machine, as a capability: including alarms of the machine itself, and the commands of
+"""The alarms of a connected machine, as a capability, including the alarms of the machine itself and the commands of
 clients."""
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ DONE: Mapping[Operation, str] = {
 
 
 def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
-    """Return all alarms of a machine, in the order of frames; none if no class of it has the keyword `alarms`. Raises
-    DeclarationError for an invalid declaration."""
+    """Return all alarms of a machine, in the order of frames. The result is empty if no class of the machine has the
+    keyword `alarms`. Raises DeclarationError for an invalid declaration."""
     return alarms_of(root, partial(_own_alarms, root))
 
 
@@ -88,8 +88,8 @@ def engine_of(machine: ConnectedMachine) -> AlarmEngine | None:
 
 
 def turn_text(declared: Sequence[DeclaredAlarm], period: float | None) -> str:
-    """Return a sentence that the functions among the conditions take turns, with the time of one turn, or "" if each is
-    called in every period. `period` in s."""
+    """Return a sentence that says that the functions among the conditions are called in turn, with the time of one
+    turn; "" if each function is called in every period. `period` is in s."""
     count = sum(isinstance(each.test, FunctionCondition) for each in declared)
     if (turns := turns_of(count)) == 1:
         return ""
@@ -100,7 +100,7 @@ def turn_text(declared: Sequence[DeclaredAlarm], period: float | None) -> str:
 
 
 class Latched:
-    """The condition that an interlock, by its number, inhibits its actuators."""
+    """The condition that the interlock with a given number inhibits its actuators."""
 
     def __init__(self, number: int) -> None:
         self._number = number
@@ -108,7 +108,7 @@ class Latched:
         """The interlocks of the connected machine."""
 
     def __call__(self) -> bool:
-        """True if the interlock inhibits; UmoError while its condition cannot be evaluated."""
+        """Return True if the interlock inhibits. Raises UmoError while its condition cannot be evaluated."""
         if self._number >= len(self.inhibitions):
             return False
         inhibition = self.inhibitions[self._number]
@@ -135,10 +135,10 @@ def _own_alarms(root: Compound) -> list[DeclaredAlarm]:
 
 
 def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: str, seconds: float = 0.0) -> str:
-    """Carry out an operation of a client for the alarms at a path: one alarm, those of an object or compound, or of a
-    pattern; "" means all. `seconds`: the shelving time, up to `LONGEST_SHELF`. Returns its result as text. Raises
-    CommandRefused if the machine has no alarms, or if an alarm named by its own path is in a state in which the
-    operation is not possible. Raises PathError if there is none."""
+    """Carry out an operation of a client for the alarms at a path: the path of an alarm, of an object or compound, or a
+    pattern; "" means all alarms. `seconds`: the shelving time, up to `LONGEST_SHELF`. Returns the result of the
+    operation as text. Raises CommandRefused if the machine has no alarms, or if the path names a single alarm whose
+    state does not permit the operation. Raises PathError if the path names no alarm."""
     if alarms is None:
         raise CommandRefused("the machine has no alarms")
     done, words = DONE[operation], f"for {duration(seconds)}" if seconds else ""
@@ -151,7 +151,7 @@ def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: st
 
 
 def named(alarms: AlarmEngine, path: str) -> Sequence[int]:
-    """The numbers of the alarms that a path or pattern names."""
+    """Return the numbers of the alarms that a path or pattern names."""
     found: Sequence[int] = alarms.below.get(path, ())
     if not found and is_pattern(path):
         found = places_below(path, alarms.paths)

@@ -1,11 +1,11 @@
-"""Selects the changes of alarms that are reported individually, so that chattering alarms and floods do not fill the
-events.
+"""The selection of the changes of alarms that are reported individually, so that chattering alarms and floods of alarms
+do not displace all other events.
 
-Events are few, and clients find their answers among them. So only a few changes per second are reported for each alarm,
-and not many more for all alarms together. Half of these are reserved for the most important alarms, the other half for
-those that have waited longest: even in a lasting flood no alarm waits for ever. The changes left out are counted, and
-their number is reported with the next change or when there is room. The last state of every alarm is always
-reported."""
+The number of kept events is small, and clients find their answers among them. So only a few changes per second are
+reported for each alarm, and not many more for all alarms together. Half of these are reserved for the most important
+alarms, the other half for the alarms that have waited longest, so that no alarm waits for ever even in a long flood.
+The changes that are left out are counted, and their number is reported with the next change or when there is room. The
+last state of every alarm is always reported."""
 
 from __future__ import annotations
 
@@ -17,36 +17,37 @@ from numpy.typing import NDArray
 WINDOW = 1.0
 """Time in s for which changes are counted."""
 MOST_OF_ONE, MOST_OF_ALL = 6, 200
-"""Largest numbers of changes of one alarm, and of all alarms, that are reported in this time. Changes by clients are
-always reported."""
+"""The largest number of changes of one alarm, and of all alarms, that are reported within `WINDOW`. Changes by clients
+are always reported."""
 MOST_IN_A_PERIOD = 20
 """Largest number of changes by conditions that are reported in a period."""
 NOT_DUE = float("inf")
-"""Time in s of an alarm that is not due."""
+"""The value of `due` for an alarm that is not due."""
 LEFT_OUT = "changes before this one are left out"
 
 
 class ChangeEvents:
-    """Reports the changes of alarms with these priorities. `tell` is called with the number of an alarm, the client who
-    has changed it ("" for the machine itself), and the number of its earlier changes that were not reported."""
+    """The reports of the changes of alarms with these priorities. `tell` is called with the number of an alarm, the
+    client that has changed the alarm ("" for the machine itself), and the number of earlier changes that were not
+    reported."""
 
     def __init__(self, priorities: Sequence[int], tell: Callable[[int, str, int], object]) -> None:
         count = len(priorities)
         self._tell = tell
         self._urgency = np.array(priorities, float)
         self._told = np.zeros(count, np.int64)
-        """Number of changes of each that were told in this window."""
+        """The number of changes of each alarm that were reported in this window."""
         self._told_in_all = 0
         self._window = -NOT_DUE
-        """The end of the window, s."""
+        """The end of the window in s."""
         self._told_now, self._now = 0, -NOT_DUE
         """Number of changes by conditions that were reported in the present period, and its time in s."""
         self._untold = np.zeros(count, np.int64)
-        """Number of changes of each since it was told last."""
+        """The number of changes of each alarm since the last report."""
         self.due = np.full(count, NOT_DUE)
-        """The time in s from which on the state of an alarm is to be reported, as far as there is room."""
+        """The time in s from which on the state of an alarm is to be reported if there is room."""
         self._since = np.full(count, NOT_DUE)
-        """The time in s of the first change of each that was not told."""
+        """The time in s of the first change of each alarm that was not reported."""
 
     def changed(self, rows: NDArray[np.intp], now: float) -> None:
         """Note that conditions have changed these alarms. The next `tell` reports them if there is room."""
@@ -63,7 +64,7 @@ class ChangeEvents:
         self._tell_one(row, who)
 
     def tell(self, now: float) -> None:
-        """Report the states that are due, as far as there is room (`_chosen`)."""
+        """Report the states that are due, if there is room (`_chosen`)."""
         self._begin_window(now)
         if now > self._now:
             self._told_now, self._now = 0, now

@@ -1,4 +1,4 @@
-"""The alarms of a machine: those of its classes, and those of the machine itself."""
+"""The alarms of a machine: the alarms that its classes declare, and the alarms of the machine itself."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from umo.user_code import raise_as
 
 @dataclass(frozen=True)
 class Threshold:
-    """`sign * value > limit`; it ends when it is no longer above `back`."""
+    """The condition `sign * value > limit`. It ends when `sign * value` is no longer above `back`."""
 
     item: Atomic
     sign: float
@@ -33,21 +33,21 @@ class Threshold:
 
 @dataclass(frozen=True)
 class BadQuality:
-    """The quality of the object is BAD."""
+    """The condition that the quality of an object is BAD."""
 
     item: Atomic
 
 
 @dataclass(frozen=True)
 class InFault:
-    """The equipment of this number is in fault."""
+    """The condition that the equipment with this number is in fault."""
 
     number: int
 
 
 @dataclass(frozen=True)
 class FunctionCondition:
-    """The user's function, called without arguments."""
+    """The condition that a function of the user, called without arguments, returns True."""
 
     call: Callable[[], object]
 
@@ -79,13 +79,13 @@ class DeclaredAlarm:
 
 
 def has_alarms(root: Compound) -> bool:
-    """True if a class of the machine has the keyword `alarms`."""
+    """Return True if a class of the machine has the keyword `alarms`."""
     return any(isinstance(node, Compound) and node._settings.alarms for node in (root, *walk(root)))
 
 
 def alarms_of(root: Compound, more: Callable[[], list[DeclaredAlarm]] = list) -> list[DeclaredAlarm]:
-    """Return all alarms of a machine that declares some, otherwise none. They include alarms of the machine itself, for
-    sensors that may be marked BAD, and `more`. In the order of frames. Raises DeclarationError for an invalid
+    """Return all alarms of a machine in the order of frames; none if the machine declares no alarm. The result includes
+    `more`, and alarms of the machine itself for sensors that may be marked BAD. Raises DeclarationError for an invalid
     declaration, and for two alarms with the same path."""
     if not has_alarms(root):
         return []
@@ -107,7 +107,7 @@ def joined(path: str, name: str) -> str:
 
 
 def own_alarm(text: str, priority: Priority) -> Alarm:
-    """Return an alarm of the machine itself, with its condition. The text is made one line."""
+    """Return an alarm of the machine itself, with its condition. Line breaks in the text are removed."""
     return Alarm(lambda _: False, in_a_line(text)[:MAX_TEXT], priority=priority)
 
 

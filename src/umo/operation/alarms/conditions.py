@@ -1,5 +1,5 @@
-"""The conditions of the alarms of a machine, evaluated once per period: conditions as data in arrays, the user's
-functions in turn."""
+"""The conditions of the alarms of a machine, evaluated once per period. Conditions that are data are evaluated in
+arrays, the user's functions are called in turn."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from umo.user_code import briefly, is_interrupt, told
 FREE_PER_PERIOD = 20
 """Largest number of the user's functions that are called in a period."""
 MAX_RESULT_TEXT = 100
-"""Largest length of a wrong result in its message, in characters."""
+"""The largest length of a wrong result in a message, in characters."""
 FALSE, TRUE, BAD = 0, 1, 2
-"""The results of a condition; BAD if it cannot be evaluated."""
+"""The results of a condition. BAD: the condition cannot be evaluated."""
 FAULT_STATE = 1
 """Number of the state of equipment in fault (`umo.cycle.equipment`)."""
 
@@ -55,9 +55,9 @@ class Conditions:
         bad = [test for test in tests if isinstance(test, BadQuality)]
         faults = [test for test in tests if isinstance(test, InFault)]
         self.results = np.zeros(len(tests), np.uint8)
-        """FALSE, TRUE or BAD."""
+        """The result of each condition: FALSE, TRUE or BAD."""
         self._shown = self.results.data
-        """The same as a memoryview: quicker than numpy's items."""
+        """The results as a memoryview, whose items are read more quickly than those of an array."""
         ends = np.cumsum([len(limits), len(bad), len(faults)]).tolist()
         self._limited = self.results[: ends[0]].view(bool)
         self._marked = self.results[ends[0] : ends[1]].view(bool)
@@ -74,10 +74,10 @@ class Conditions:
         ends."""
         self._read, self._before = np.empty(len(limits)), np.zeros(len(limits), bool)
         self._unknown: Any = None
-        """The thresholds without a value that can be trusted; None if all have one."""
+        """The thresholds whose value cannot be trusted; None if there are none."""
         self._bad_slots = np.array([slot_of[id(test.item)] for test in bad], np.intp)
         self._states = b""
-        """The qualities and the states of equipment that were looked at."""
+        """The qualities and the states of equipment at the last evaluation."""
         self._numbers = np.array([test.number for test in faults], np.intp)
         self._turn = 0
         self.causes: dict[int, str] = {}
@@ -85,7 +85,7 @@ class Conditions:
 
     @property
     def turns(self) -> int:
-        """Number of periods after which each of the user's functions was called."""
+        """The number of periods within which each of the user's functions is called once."""
         return turns_of(len(self._free))
 
     def hold(self, alarm: int, result: int) -> None:
@@ -97,7 +97,7 @@ class Conditions:
             self.results[alarm] = result
 
     def evaluate(self) -> None:
-        """Bring `results` up to date. It raises no error."""
+        """Bring `results` up to date. This function raises no error."""
         if self._has_data and (states := self._quality.tobytes() + self._equipment.tobytes()) != self._states:
             self._states = states
             self._look_at_states()

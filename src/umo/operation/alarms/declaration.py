@@ -1,4 +1,4 @@
-"""The declaration of an alarm: its condition, its text, its options."""
+"""The declaration of an alarm: its condition, its text and its options."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ class Priority(NamedNumber):
 
 @dataclass(frozen=True)
 class High:
-    """The value of a digital object is above a limit. `of`: its path below the compound; `limit` in its unit.
+    """The condition that the value of a digital object is above a limit. `of`: the path of the object below the
+    compound. `limit` is in the unit of the object.
 
-    It ends at `limit - deadband`. While the value is BAD or UNREFERENCED, the condition does not change. Raises
-    DeclarationError for a limit that is not finite, and for a negative deadband.
+    The condition ends at `limit - deadband`. While the value is BAD or UNREFERENCED, the condition does not change.
+    Raises DeclarationError for a limit that is not finite, and for a negative deadband.
     """
 
     of: str
@@ -45,7 +46,8 @@ class High:
 
 @dataclass(frozen=True)
 class Low:
-    """The value of a digital object is below a limit; otherwise like `High`. It ends at `limit + deadband`."""
+    """The condition that the value of a digital object is below a limit; otherwise like `High`. The condition ends at
+    `limit + deadband`."""
 
     of: str
     limit: float
@@ -58,7 +60,7 @@ class Low:
 
 @dataclass(frozen=True)
 class Bad:
-    """The quality of an object is BAD. `of`: its path below the compound."""
+    """The condition that the quality of an object is BAD. `of`: the path of the object below the compound."""
 
     of: str
 
@@ -68,7 +70,7 @@ class Bad:
 
 @dataclass(frozen=True)
 class In:
-    """A binary object is in a state. `of`: its path below the compound."""
+    """The condition that a binary object is in a state. `of`: the path of the object below the compound."""
 
     of: str
     state: TwoState
@@ -92,15 +94,16 @@ class Alarm:
             "odd": Alarm(lambda tank: tank.load() > 3.0, "the load is odd"),
         }):
 
-    `condition` is a `High`, `Low`, `Bad` or `In`, or a function of the compound. Such a function is called every
-    period, or in turn with others, 20 per period (`umo check` shows the delay). It must be quick and read only
-    synchronous objects. If it raises an error, or does not return a bool, the alarm is active, and its text says that
-    it cannot be evaluated.
+    `condition` is a `High`, `Low`, `Bad` or `In`, or a function of the compound. Such a function is called in every
+    period or, if there are more than 20, in turn with others, 20 per period (`umo check` shows the delay). The function
+    must be quick and read only synchronous objects. If it raises an error, or does not return a bool, the alarm is
+    active, and its text says that the condition cannot be evaluated.
 
-    priority: low, medium (default), high, critical. on_delay, off_delay: time on the cycle's clock for which the
-    condition must be true, or false, before it counts; in s, or such as "2 s"; default 0. latch: the alarm stays after
-    its condition has ended, until it is acknowledged and reset; default False. acknowledge: whether it must be
-    acknowledged; default True. Raises DeclarationError for options of other types or out of these ranges.
+    priority: low, medium (default), high, critical. on_delay, off_delay: the time on the cycle's clock for which the
+    condition must be true, or false, before this counts; in s, or a string such as "2 s"; default 0. latch: whether the
+    alarm stays after its condition has ended, until the alarm is acknowledged and reset; default False. acknowledge:
+    whether the alarm must be acknowledged; default True. Raises DeclarationError for options of other types or out of
+    these ranges.
     """
 
     condition: Condition

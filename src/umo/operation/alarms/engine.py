@@ -19,8 +19,8 @@ from umo.operation.alarms.collecting import DeclaredAlarm
 from umo.operation.alarms.conditions import BAD, FALSE, TRUE, AlarmImage, Conditions
 
 REQUESTS_PER_PERIOD = 20
-"""Largest number of operations of clients, and of shelves whose time is over, that are carried out in a period: the
-others follow in the next periods. Changes of conditions take effect in their period, regardless of their number."""
+"""Largest number of operations of clients, and of shelves whose time is over, that are carried out in a period. Further
+operations follow in the next periods. Changes of conditions take effect in their period, regardless of their number."""
 LONGEST_SHELF = 7 * 86_400.0
 """Longest time in s for which an alarm can be shelved."""
 
@@ -32,13 +32,14 @@ RESULTS = {
 }
 """The results of conditions that belong to active states."""
 OCCURRENCES = ("raised", "first", "last")
-"""Number of times that an alarm has become active; the first and the last time in s on the cycle's clock, NaN if there
-was none."""
+"""The number of times that an alarm has become active, and the first and the last time in s on the cycle's clock, NaN
+if it never was."""
 UNEVALUATED = frozenset((AlarmState.BAD_UNACKNOWLEDGED, AlarmState.BAD_ACKNOWLEDGED))
 Rows = NDArray[np.intp]
 """The numbers of some alarms."""
 TellChange = Callable[[str, str, str], object]
-"""Function that is called with a change: path of the alarm, text, client ("" for the machine itself)."""
+"""The function that is called for a change with the path of the alarm, the text and the client ("" for the machine
+itself)."""
 
 
 class AlarmRequest(NamedTuple):
@@ -71,28 +72,28 @@ class AlarmEngine:
         self._events = ChangeEvents(priorities, self._tell)
         self._tell_change = tell
         self._words: dict[int, str] = {}
-        """The words of the last change of an alarm, where a client or the end of a shelf made it."""
+        """The words of the last change of an alarm, if a client or the end of a shelving time made this change."""
         options = [(latch, acknowledge) for latch in (False, True) for acknowledge in (False, True)]
         self._by_kind = [transitions(*each) for each in options]
         """The tables by the kind of an alarm, which is the number of its options."""
         self._next_states = np.array([_next_states(table) for table in self._by_kind], np.uint8)
         self._kinds = np.array([2 * each.alarm.latch + each.alarm.acknowledge for each in declared], np.intp)
         self._delays = np.array([each.alarm.delays for each in declared], float).reshape(len(declared), 2).T.copy()
-        """The delays on and off, s."""
+        """The on-delays and off-delays in s."""
         count = len(self.declared)
         self.occurrences = np.full((len(OCCURRENCES), count), nan)
-        """For each alarm, how often it has become active since the machine was connected, shelved or not, and when. The
-        rows are those of `OCCURRENCES`."""
+        """The number and the times of occurrences of each alarm since the machine was connected, whether shelved or
+        not. The rows are those of `OCCURRENCES`."""
         self.raised, self.first_raised, self.last_raised = self.occurrences
         self.raised.fill(0)
         self.revision = 0
         """A number that grows with each change of `occurrences`."""
         self._seen = np.zeros(count, np.uint8)
-        """The results of the conditions that were taken note of."""
+        """The results of the conditions that have been processed."""
         self._counting = np.zeros(count, np.uint8)
         """The active alarms, after their delays."""
         self._due, self._until = np.full(count, NOT_DUE), np.full(count, NOT_DUE)
-        """The times in s at which a delay ends, and a shelving time."""
+        """The times in s at which a delay, and a shelving time, ends."""
         self._next = NOT_DUE
         """The first of these times."""
         self._requests: dict[int, tuple[AlarmRequest, ...]] = {}
@@ -105,9 +106,9 @@ class AlarmEngine:
         return self._conditions.turns
 
     def restore(self, states: Mapping[str, int]) -> None:
-        """Continue with the states of an earlier run, by path, before the first evaluation; there are no events. An
-        alarm without a valid state begins as normal, and so does a shelved one, because its time is not known. An
-        active alarm stays active until its condition has ended."""
+        """Continue with the states of an earlier run, by path. Call this before the first evaluation; there are no
+        events. An alarm without a valid state begins as normal, and so does a shelved alarm, because the remaining time
+        is not known. An active alarm stays active until its condition has ended."""
         for row, path in enumerate(self.paths):
             number = states.get(path, AlarmState.NORMAL)
             reachable = {*self._table(row).values()} - {AlarmState.SHELVED}
@@ -119,7 +120,7 @@ class AlarmEngine:
                 self._conditions.hold(row, result)
 
     def look(self) -> None:
-        """Called once per period, after the laws. It raises no error."""
+        """Evaluate the conditions and change the states. Called once per period, after the laws. It raises no error."""
         conditions = self._conditions
         conditions.evaluate()
         changed = conditions.results.tobytes() != self._seen.tobytes()  # quicker than a comparison of arrays
@@ -186,8 +187,8 @@ class AlarmEngine:
     # By clients ----------------------------------------------------------------------------------------
 
     def able(self, rows: Sequence[int], operation: Operation) -> list[int]:
-        """Return the alarms that an operation would change once all requests made so far are carried out; for shelving,
-        also those of which only the time changes."""
+        """Return the alarms that an operation would change after all requests so far are carried out. For shelving,
+        these include alarms of which only the time changes."""
         chosen = np.asarray(rows, np.intp)
         facts = [column[chosen].tolist() for column in (self._kinds, self.states, self._counting)]
         waiting = list(map(self._requests.get, rows, repeat(())))
@@ -209,8 +210,8 @@ class AlarmEngine:
         return AlarmState(int(self.states[row]))
 
     def request(self, rows: Sequence[int], request: AlarmRequest) -> None:
-        """Carry out a request for each of these alarms at the next looks, in the order of the requests. Of requests
-        that shelve an alarm, remove it from service, or end that, the last one counts."""
+        """Carry out a request for each of these alarms at the next calls of `look`, in the order of the requests. If
+        several requests shelve an alarm, remove it from service, or end either, the last one counts."""
         joined = lru_cache(maxsize=None)(partial(_joined, request))  # many wait for the same
         waiting = map(self._requests.get, rows, repeat(()))
         self._requests.update(zip(rows, map(joined, waiting), strict=False))
@@ -270,6 +271,6 @@ def _joined(request: AlarmRequest, waiting: tuple[AlarmRequest, ...]) -> tuple[A
 
 
 def told_text(state: AlarmState, declared: DeclaredAlarm, words: str = "") -> str:
-    """The text of an event: `unacknowledged (high): the tank is too full`, then more words."""
+    """Return the text of an event: `unacknowledged (high): the tank is too full`, followed by `words`."""
     alarm = declared.alarm
     return f"{state} ({alarm.priority}): {alarm.text}" + (f"; {words}" if words else "")

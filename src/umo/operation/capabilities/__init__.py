@@ -1,4 +1,4 @@
-"""Capabilities that ship: parts that look at the whole machine (the contract: `umo.cycle.capability`)."""
+"""The capabilities that ship with umo: parts that work on the whole machine (the contract: `umo.cycle.capability`)."""
 
 from umo.operation.capabilities.attached_part import AttachedPart
 from umo.operation.capabilities.hour_meters import HourMeters

@@ -8,8 +8,8 @@ from umo.objects.node import outwards
 
 
 class AttachedPart(Capability, Compound):
-    """A part that works on the whole machine: a subclass attaches itself to its period in `attach`. The contract is
-    that of `umo.cycle.capability`."""
+    """A part that works on the whole machine: in `attach`, a subclass attaches itself to the period of the machine. The
+    contract is that of `umo.cycle.capability`."""
 
     @property
     def _root(self) -> Node:

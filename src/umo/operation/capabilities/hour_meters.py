@@ -1,4 +1,4 @@
-"""Counts how long each actuator has been on, over all runs."""
+"""Hour meters, which count for how long each actuator has been on in all runs."""
 
 from __future__ import annotations
 
@@ -46,10 +46,11 @@ def _numbers(meters: HourMeters) -> Mapping[str, Number]:
 
 
 class HourMeters(AttachedPart, numbers=_numbers):
-    """An hour meter of each actuator of the machine: `meters: HourMeters` in its class, `meters=HourMeters()` where it
-    is made. `meters.PATH.hours` is a number that is shown and kept (`docs/howto-keep-values.md`).
+    """An hour meter of each actuator of the machine. Write `meters: HourMeters` in the class of the machine, and
+    `meters=HourMeters()` where the machine is made. `meters.PATH.hours` is a number that is shown and kept
+    (`docs/howto-keep-values.md`).
 
-    An actuator counts as on while its device has another value than its default. The time is that of the machine's
+    An actuator counts as on while its device has another value than its default. The time is measured on the machine's
     clock.
     """
 
@@ -73,7 +74,7 @@ class HourMeters(AttachedPart, numbers=_numbers):
         return self._meters
 
     def __getattr__(self, name: str) -> Any:
-        """Return the meter of an actuator, or a part of its path: `meters.tank.inlet`."""
+        """Return the meter of an actuator, or the next part of a path: `meters.tank.inlet`."""
         if name.startswith("_"):
             raise AttributeError(name)
         if name not in vars(self._tree):

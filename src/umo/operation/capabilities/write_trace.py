@@ -1,4 +1,4 @@
-"""The last writes of each actuator, with who wrote them."""
+"""A record of the last writes of each actuator and their writers."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from umo.text import did_you_mean
 
 
 class WriteTrace(AttachedPart):
-    """The last writes of each actuator of the machine: `writes: WriteTrace` in its class, `writes=WriteTrace()` where
-    it is made; `umo do STATION call writes.last path=tank.inlet` shows them.
+    """The last writes of each actuator of the machine. Write `writes: WriteTrace` in the class of the machine, and
+    `writes=WriteTrace()` where the machine is made. `umo do STATION call writes.last path=tank.inlet` shows the writes.
 
-    It also has refused writes, and each default that an interlock, a fault, a reset or an expiry has sent. While it is
-    attached every write passes the command stage, as those of guarded actuators do.
+    The trace also has refused writes, and each default that an interlock, a fault, a reset or an expiry has sent. While
+    the trace is attached, every write passes the command stage, like the writes of guarded actuators.
     """
 
     length: Annotated[int, Number("", 1, 10_000)] = 100
-    """Number of the writes that are kept of each actuator."""
+    """The number of writes that are kept for each actuator."""
 
     def setup(self) -> None:
         self._writes: dict[str, deque[dict[str, Any]]] = {}
@@ -45,7 +45,7 @@ class WriteTrace(AttachedPart):
 
     @action(harmless=True, count=Range("", 1, 10_000))
     def last(self, path: str, count: int = 10) -> list[dict[str, Any]]:
-        """The last writes of an actuator, the newest last: time in s, value, who wrote it, and whether it was
+        """Return the last writes of an actuator, the newest last: time in s, value, writer, and whether the write was
         accepted."""
         if path not in self._writes:
             raise PathError(f"nothing has been written to {path!r}{did_you_mean(path, self._writes)}")

@@ -1,1 +1,1 @@
-"""Clients: commands from outside a running machine, a capability of it (`umo.cycle.capability`)."""
+"""Commands that clients send to a running machine, as a capability of the machine (`umo.cycle.capability`)."""

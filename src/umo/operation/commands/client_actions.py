@@ -1,4 +1,4 @@
-"""The running actions and the holds of clients: they are begun, advanced in each period, and ended."""
+"""The running actions and the holds of clients: their begin, their step in each period, and their end."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from umo.text import some
 from umo.user_code import Raised, as_json, attempt
 
 MAX_ACTIONS = 32
-"""Largest number of actions of clients that run at once."""
+"""The largest number of actions of clients that run simultaneously."""
 PROGRESS_PAUSE = 0.5
 """Shortest time in s on the cycle's clock between two events of an action's progress."""
 
@@ -72,7 +72,7 @@ class _Held:
 
 
 class ClientActions:
-    """The actions of the clients of one connected machine, the actuators that they hold, and the events of both."""
+    """The actions of the clients of one connected machine, the actuators that clients hold, and the events of both."""
 
     def __init__(self, machine: ConnectedMachine) -> None:
         self._machine = machine
@@ -88,7 +88,7 @@ class ClientActions:
 
     @property
     def held(self) -> list[str]:
-        """Return the paths under dead-man control."""
+        """The paths under dead-man control."""
         return list(self._held)
 
     # Begun ---------------------------------------------------------------------------------------------
@@ -96,8 +96,8 @@ class ClientActions:
     def begin(
         self, command: ClientCommand, action: Action, arguments: Mapping[str, Any], signed: float
     ) -> tuple[CommandState, str]:
-        """Call an action, and return the answer. An action with a release is held. `signed`: the last sign of life for
-        it."""
+        """Call an action, and return the answer. An action with a release is held. `signed`: the time of the last sign
+        of life for the action."""
         if len(self._running) >= MAX_ACTIONS:
             raise CommandRefused(f"{MAX_ACTIONS} actions are running already")
         begun, path = self._new(command, action.part), action.path
@@ -129,8 +129,9 @@ class ClientActions:
         release: Callable[[], object] | None = None,
         slot: int = -1,
     ) -> None:
-        """Put the object at the path of the command under dead-man control: it ends `lasts` s after the last sign of
-        life. `part`: the object of the action, with the method that ends it, or the actuator, with its slot."""
+        """Put the object at the path of the command under dead-man control: the hold ends `lasts` s after the last sign
+        of life. `part`: the object of the action with the method that ends the action, or the actuator with its
+        slot."""
         before = self._held.get(command.path)
         if before is not None:
             before.before = None
@@ -156,7 +157,7 @@ class ClientActions:
         return result
 
     def within(self, sequences: Sequences, call: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function; the sequences that it starts join the given ones."""
+        """Call a function. The sequences that the function starts join the given sequences."""
         machine = self._machine
         before, machine.at_work = machine.at_work, sequences
         try:
@@ -228,12 +229,13 @@ class ClientActions:
     # Ended ---------------------------------------------------------------------------------------------
 
     def cancel(self, why: str, path: str = "") -> list[Raised]:
-        """Cancel the action at this path, or all running ones for "". Return the errors of their cleanup."""
+        """Cancel the action at this path, or all running actions for "". Return the errors of their cleanup."""
         found = [each for each in self._running if path in ("", each.command.path)]
         return [error for each in found if (error := self._end(each, why)) is not None]
 
     def cancel_or_release(self, why: str, path: str) -> None:
-        """Cancel the action at this path, or all for "", and release held ones. Raises PathError if there is none."""
+        """Cancel the action at this path, or all actions for "", and release held actions. Raises PathError if there is
+        no such action."""
         held = [each for each in self._held if each in self._held_actions]
         if path not in ("", *held, *(each.command.path for each in self._running)):
             raise PathError(f"no action {path} is running")
@@ -283,12 +285,12 @@ class ClientActions:
             self._running.remove(action)
 
     def release(self, path: str, why: str) -> None:
-        """End a hold, if it exists. A release starts no sequence; if it fails, the actuators of its part go to their
-        defaults."""
+        """End a hold, if it exists. A release starts no sequence. If the release fails, the actuators of its part go to
+        their defaults."""
         self._release_each([path], why)
 
     def take_back(self, path: str) -> None:
-        """End the hold of a command that failed. An earlier hold on this path ends with it, and is reported."""
+        """End the hold of a command that failed. An earlier hold on this path also ends, and this is reported."""
         before = self._held[path].before if path in self._held else None
         self.release(path, "")
         if before is not None and not before.is_running:

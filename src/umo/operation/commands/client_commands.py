@@ -1,5 +1,5 @@
-"""Commands from outside as data; the two ways in which they arrive, a queue and levels; and the lease, whose holder may
-command."""
+"""Commands from outside as data, the two ways in which they arrive (a queue and levels), and the lease, whose holder
+may send commands."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from umo.errors import CommandRefused, LeaseHeld
 from umo.text import NamedNumber
 
 DEAD_MAN_TIME = 0.5
-"""Time without a sign of life after which a written actuator or a jog ends, in s; shorter if the actuator expires
-sooner."""
+"""The time in s without a sign of life after which a written actuator goes to its default or a jog ends. It is shorter
+if the actuator expires sooner."""
 DEAD_MAN_REASON = "dead-man timeout"
-"""The reason in the event of this end."""
+"""The reason in the event of such an end."""
 
 
 class Mode(NamedNumber):
@@ -43,12 +43,13 @@ class ClientCommand:
     seconds: float = 2.0
     over: bool = False
     refused: str = ""
-    """The reason why a gateway of clients has refused the command: an event records this, and the command is not
+    """The reason why a gateway of clients has refused the command: an event records the refusal, and the command is not
     carried out."""
 
     @classmethod
     def parse(cls, number: int, data: bytes) -> ClientCommand:
-        """Make a command from a text. Raises ValueError, TypeError or RecursionError if it is not one."""
+        """Make a command from a string. Raises ValueError, TypeError or RecursionError if the string is not a
+        command."""
         text = json.loads(data)
         for name in ("who", "key", "do", "path", "refused", "arguments"):
             kind = dict if name == "arguments" else str
@@ -68,12 +69,12 @@ class Inbox(Protocol):
     """The incoming commands."""
 
     taken: int
-    """Number of commands that have arrived, and were passed on or dropped."""
+    """The number of commands that have arrived, whether they were passed on or dropped."""
     dropped: int
-    """The number of these that were not commands."""
+    """The number of arrived messages that were not commands."""
 
     def get(self) -> ClientCommand | None:
-        """Return the next command, or None if there is none now. It is quick, and raises no error."""
+        """Return the next command, or None if there is none now. This function is quick and raises no error."""
 
 
 class Levels(Protocol):
@@ -81,7 +82,7 @@ class Levels(Protocol):
 
     @property
     def asked(self) -> Sequence[int]:
-        """Return always the same array of one number: it is not 0 if `stop` must be checked."""
+        """The array with one number, which is not 0 if `stop` must be checked. It is always the same array."""
 
     @property
     def stop(self) -> tuple[int, str] | None:
@@ -89,8 +90,8 @@ class Levels(Protocol):
 
     def signed(self, path: str, lease: int) -> float:
         """Return the time of the last sign of life of the holder of this lease for its hold at this path, in s on the
-        clock of the clients; "" stands for the lease itself. 0 means never. Any number is possible, as clients write
-        it."""
+        clock of the clients; "" stands for the lease itself. 0 means never. Any number is possible, because clients
+        write it."""
 
 
 SHORTEST_LEASE, LONGEST_LEASE = 0.2, 60.0
@@ -98,7 +99,8 @@ SHORTEST_LEASE, LONGEST_LEASE = 0.2, 60.0
 
 
 class Lease:
-    """The lease. Times are in s on the clock of its holder's signs of life. It ends if there is none for too long."""
+    """The lease. Times are in s on the clock of the holder's signs of life. The lease ends if there is no sign of life
+    for too long."""
 
     def __init__(self) -> None:
         self.holder = ""
@@ -110,8 +112,8 @@ class Lease:
         self._signed = 0.0
 
     def acquire(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
-        """Take the lease. Return True if it was taken over from another client. LeaseHeld while another client has it,
-        unless `over`."""
+        """Take the lease. Return True if the lease was taken over from another client. Raises LeaseHeld while another
+        client has it, unless `over`."""
         others = bool(self.holder) and key != self._key
         if others and not over:
             raise LeaseHeld(f"{self.holder} has the lease")
@@ -121,14 +123,14 @@ class Lease:
         return others
 
     def check(self, key: str) -> None:
-        """Check that a client has the lease. Raises CommandRefused if not."""
+        """Check that a client has the lease. Raises CommandRefused if it has not."""
         if not self.holder:
             raise CommandRefused("nobody has the lease; take it first")
         if key != self._key:
             raise LeaseHeld(f"{self.holder} has the lease")
 
     def renew(self, then: float, now: float) -> None:
-        """Note a sign of life of its holder at a given time. A time in the future does not count."""
+        """Note a sign of life of the holder at a given time. A time in the future does not count."""
         if self._signed < then <= now:
             self._signed = then
 

@@ -1,13 +1,14 @@
 """Clients: commands from outside a running machine, under one lease, through the same guards as the program's.
 
-Once per period, before the sequences, `look` takes the arrived commands. None of them can end the run: an invalid
-command is refused, and a failure is reported in the answer. In automatic mode the application runs, numbers can be
-tuned and harmless actions called. In manual mode the application is suspended (`umo.operation.commands.suspension`);
-actuators can be written and all actions called. What a client holds (a written actuator, a jog) is under dead-man
-control: it ends when the client gives no sign of life for it, or loses the lease.
+Once per period, before the sequences, `look` takes the commands that have arrived. No command can end the run: an
+invalid command is refused, and a failure is reported in the answer. In automatic mode the application runs, numbers can
+be tuned, and harmless actions can be called. In manual mode the application is suspended
+(`umo.operation.commands.suspension`); actuators can be written, and all actions can be called. A hold of a client (a
+written actuator, a jog) is under dead-man control: it ends when the client gives no sign of life for it, or loses the
+lease.
 
-Signs of life and a stop are levels, not commands: they are read in each period, even if the queue is full, and their
-times are compared with the computer's clock, even in a long period.
+Signs of life and a stop are levels, not commands: they are read in each period, even if the queue is full. The times of
+signs of life are compared with the computer's clock, even in a long period.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ COMMANDS_PER_PERIOD = 4
 
 
 class ClientControl(Commanded):
-    """Carries out the commands of one connected machine, by `umo.operation.commands.verbs`. `clock`: the clock of the
-    signs of life, in s."""
+    """The part of one connected machine that carries out commands, by `umo.operation.commands.verbs`. `clock`: the
+    clock of the signs of life, in s."""
 
     def __init__(
         self,
@@ -49,7 +50,7 @@ class ClientControl(Commanded):
         self._stopping = False
         self._active = False
         self._next: ClientCommand | None = None
-        """A command that has come in and is carried out in the next period."""
+        """A command that has arrived and is carried out in the next period."""
 
     def attach(self, machine: ConnectedMachine) -> None:
         super().attach(machine)
@@ -95,7 +96,7 @@ class ClientControl(Commanded):
             command = self.inbox.get() if room else None
 
     def look_for_stop(self) -> None:
-        """End the run as after a signal if a client requests it, which needs no lease."""
+        """If a client requests a stop, end the run as after a signal. A stop needs no lease."""
         asked = self.levels.stop
         if asked is not None and not self._stopping:
             self._stopping = True

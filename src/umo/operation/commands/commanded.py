@@ -1,7 +1,7 @@
-"""The objects that the verbs of clients act on: one connected machine, its lease, its mode, and the clients' holds.
+"""The state on which the verbs of clients act: one connected machine, its lease, its mode, and the clients' holds.
 
-A verb (`umo.operation.commands.verbs`) gets these as argument; `umo.operation.commands.client_control` checks once per
-period for commands."""
+A verb (`umo.operation.commands.verbs`) gets this state as its argument. `umo.operation.commands.client_control` checks
+once per period for commands."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Commanded(Commanding):
         self._objects: dict[str, Atomic | Compound] = {
             node._path: node for node in (machine.root, *walk(machine.root)) if isinstance(node, Atomic | Compound)
         }
-        """By path; "" means the machine."""
+        """The objects by path; "" means the machine."""
         self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self.actions = ClientActions(machine)
         (
@@ -83,15 +83,16 @@ class Commanded(Commanding):
         return found
 
     def check_manual(self, what: str) -> None:
-        """Raise CommandRefused in automatic mode. `what`: the refused command as text, "z.jog can be called"."""
+        """Raise CommandRefused in automatic mode. `what`: the subject and verb of the message, such as "z.jog can be
+        called"."""
         if self.mode is not Mode.MANUAL:
             raise CommandRefused(
                 f"{what} in manual mode only; the machine runs in automatic mode (`umo do STATION mode` changes it)"
             )
 
     def last_sign(self, path: str, lasts: float) -> float:
-        """Return the time of the last sign of life for the hold of a command. Raises CommandRefused if that is too long
-        ago, because in a long period the client may have died since it sent the command."""
+        """Return the time of the last sign of life for the hold of a command. Raises CommandRefused if this time is too
+        long ago, because in a long period the client may have died after it sent the command."""
         signed = self.levels.signed(path, self.lease.number)
         if not 0.0 <= self.clock() - signed <= lasts:
             raise CommandRefused(f"{path}: {DEAD_MAN_REASON}: no sign of life from its client for {lasts:g} s")
@@ -100,7 +101,7 @@ class Commanded(Commanding):
     # The lease and the mode ----------------------------------------------------------------------------
 
     def end_lease(self, why: str) -> None:
-        """End the lease and everything held under it."""
+        """End the lease and all holds under it."""
         self.actions.drop(why)
         self.lease.end()
         if self.mode is Mode.MANUAL:
@@ -137,7 +138,7 @@ class Commanded(Commanding):
         self.suspension.begin()
 
     def resume(self, resuming: Sequences) -> None:
-        """Run the sequences that come before the application continues; return to manual mode if one fails."""
+        """Run the sequences that must end before the application continues. Return to manual mode if one fails."""
         error = self.actions.within(resuming, self.suspension.advance)
         if error is not None:
             text = f"back to manual mode: on_resume failed: {error}"
@@ -157,7 +158,7 @@ class Commanded(Commanding):
     # Ends ----------------------------------------------------------------------------------------------
 
     def cancel(self) -> None:
-        """Cancel running actions and sequences because the machine stops. TaskFailed with the first error of the
+        """Cancel running actions and sequences because the machine stops. Raises TaskFailed with the first error of the
         `finally` blocks."""
         self.suspension.cancel()
         self._end_change(CommandState.CANCELLED, "the machine stops")
@@ -174,7 +175,7 @@ class Commanded(Commanding):
 
 def known(table: Mapping[str, Any], path: str, what: str, where: str = "") -> Any:
     """Return the entry of a table for this path. Raises PathError if there is none; the client suggests the nearest
-    one."""
+    path."""
     if path not in table:
         raise PathError(f"there is no {what} {path!r}{where}")
     return table[path]

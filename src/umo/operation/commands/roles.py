@@ -1,8 +1,8 @@
-"""Which user may give which command: the policy for pages, faces, fleets and all other ways by which commands arrive.
+"""The policy that says which user may give which command, for pages, faces, fleets and all other ways of commands.
 
-The user who runs a machine may give every command. That a caller is this user is proved by files and sockets that only
-this user may open, or by the account of the process at the other end of a connection (`umo.system.peer_account`); never
-by an address. Everybody else may look, and has the role that a file of this user gives them:
+The user who runs a machine may give every command. A caller proves to be this user through files and sockets that only
+this user may open, or through the account of the process at the other end of a connection (`umo.system.peer_account`),
+never through an address. All other users may see the machine, and have the role that a file of this user gives them:
 
     # ~/.config/umo/roles.toml
     [users]             # whose names are proved: by a password, a certificate, their account of this computer
@@ -14,8 +14,8 @@ by an address. Everybody else may look, and has the role that a file of this use
     page = "operate"    # everybody who has the token of the page
     homeassistant = "tune"
 
-A role includes those before it: see, tune, operate, maintain. If the file cannot be read or has an
-error, all other users may only look.
+Each role includes the roles before it: see, tune, operate, maintain. If the file cannot be read or has an error, all
+other users have the role "see" only.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from umo.wiring.settings import TakenBy, read_settings
 MAX_BYTES = 1 << 20
 """Largest number of bytes of the file."""
 ANYBODY = "*"
-"""The entry that stands for all users, or ways, that are not named."""
+"""The entry for all users, or ways, that are not named."""
 ABOUT = "(docs/security.md)"
 PAGE = "page"
 """The way of commands that arrive through a page."""
@@ -68,11 +68,11 @@ class Caller:
     is_proved: bool = False
     """True if the name is proved."""
     is_owner: bool = False
-    """True if it is proved that this is the user who runs the machine."""
+    """True if the caller is proved to be the user who runs the machine."""
 
 
 class Roles:
-    """The tables of one file. `mistake`: why it cannot be used."""
+    """The tables of one file. `mistake`: the reason why the file cannot be used."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class Roles:
 
     @classmethod
     def load(cls, file: Path | None = None) -> Roles:
-        """Read the file; default: that of this user. It raises no error."""
+        """Read the file (default: the file of this user). This function raises no error."""
         try:
             found = read_settings(RolesFile, place() if file is None else file, MAX_BYTES)
         except OptionError as error:
@@ -109,7 +109,8 @@ class Roles:
         )
 
     def of(self, caller: Caller) -> Role:
-        """The role of a caller. A name that is not proved may reduce the role of its way, but never extends it."""
+        """Return the role of a caller. A name that is not proved may reduce the role of its way, but never extends
+        it."""
         if caller.is_owner:
             return Role.MAINTAIN
         if caller.is_proved:
@@ -119,11 +120,11 @@ class Roles:
 
 
 EVERYBODY = Roles({ANYBODY: Role.MAINTAIN}, {ANYBODY: Role.MAINTAIN})
-"""Roles with which everybody may give every command: for tests and kits."""
+"""The roles with which everybody may give every command, for tests and kits."""
 
 
 def place() -> Path:
-    """The file of this user: `umo/roles.toml` in the folder of settings (XDG_CONFIG_HOME, default ~/.config)."""
+    """Return the file of this user: `umo/roles.toml` in the folder of settings (XDG_CONFIG_HOME, default ~/.config)."""
     given = os.environ.get("XDG_CONFIG_HOME", "")
     folder = Path(given) if given.startswith("/") else Path(os.path.expanduser("~")) / ".config"
     return folder / "umo" / "roles.toml"

@@ -1,10 +1,10 @@
-"""Suspension: what happens to actuators and axes while nothing controls them.
+"""The suspension of actuators and axes while nothing controls them.
 
 The work of the application is suspended when the mode becomes manual. The actuators and axes that the holder of a lease
 still drives are suspended when the lease ends in manual mode. Each suspended compound is notified (`on_suspend`), axes
-react as declared, and the laws run once more. An actuator that is then not at its default goes to it, unless a law or
-`on_suspend` has written it, a client holds it, or it is declared to hold. At the change back to automatic mode
-everything is restored as the application had left it, or the change is refused.
+react as declared, and the laws run once more. An actuator that is then not at its default goes to its default, unless a
+law or `on_suspend` has written it, a client holds it, or it is declared to hold its value. At the change back to
+automatic mode the state that the application had left is restored, or the change is refused.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 STOPPED = "to the default"
-"""Text for actuators that nothing controls."""
+"""The text for actuators that nothing controls."""
 MANUAL = "manual mode"
 """Beginning of the event of a suspended application."""
 
@@ -50,11 +50,11 @@ class Suspension:
         self._left_motions: dict[MotionAxis, Any] = {}
         """The motions that the application has left (`umo.control.axis.LeftMotion`)."""
         self._lost_motions: dict[MotionAxis, Any] = {}
-        """Those of these motions that faults have ended."""
+        """The motions of the application that faults have ended."""
         self._actuators = {slot: cast(Actuator, machine.image.items[slot]) for slot in machine.claims.order}
         """The actuators by slot, in stop order."""
         self._order = np.array(machine.claims.order, np.intp)
-        """Their slots."""
+        """The slots of these actuators."""
         self._defaults = machine.image.scales.defaults[self._order]
         self._holding = {slot for slot, item in self._actuators.items() if item._holds}
         """The actuators that are declared to hold."""
@@ -77,7 +77,7 @@ class Suspension:
     # Nobody is in charge -------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Suspend the application, as the mode becomes manual. It raises no error."""
+        """Suspend the application, because the mode becomes manual. This function raises no error."""
         self.cancel()
         self._machine.sequences.paused = True
         self._note_writes(MANUAL)
@@ -101,7 +101,7 @@ class Suspension:
         self._react()
 
     def commands_taken(self) -> None:
-        """Mark the writes of this period until now as those of `on_suspend` and actions, not of laws."""
+        """Note that the writes of this period until now come from `on_suspend` and actions, not from laws."""
         noted = self._machine.commands.noted
         if noted is not None:
             self._by_others |= noted
@@ -231,8 +231,8 @@ class Suspension:
         return {slot: changed[slot] for slot in sorted(changed, key=place.__getitem__, reverse=True)}
 
     def end(self) -> bool:
-        """End the suspension, as the mode becomes automatic: restore the state of the application, run `on_resume`,
-        then let the application continue. Return whether there is an `on_resume` to run."""
+        """End the suspension, because the mode becomes automatic: restore the state of the application, run
+        `on_resume`, then let the application continue. Return whether there is an `on_resume` to run."""
         if self._left is None:  # it has not begun yet
             self._note_writes("automatic mode")
             self._react()
@@ -253,7 +253,7 @@ class Suspension:
         return bool(nodes)
 
     def advance(self) -> Raised | None:
-        """Advance the sequences of `on_resume` by one step. Return the reason if one failed."""
+        """Advance the sequences of `on_resume` by one step. Return the reason if one of them failed."""
         assert self.resuming is not None
         _, error = attempt(self.resuming.advance, self._machine.clock)
         if error is None and not self.resuming.running:

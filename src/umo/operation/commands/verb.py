@@ -1,5 +1,5 @@
 """The form of a verb: a command to a running machine, with its arguments and the required role. The table of all verbs
-is `umo.operation.commands.verbs`; every client, every face, the roles and the reference page use it.
+is in `umo.operation.commands.verbs`. Every client, every face, the roles and the reference page use the table.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from umo.text import NamedNumber, cut_repr
 
 
 class Role(NamedNumber):
-    """The rights of a user. Each role includes those before it."""
+    """The rights of a user. Each role includes the roles before it."""
 
     SEE = 0
     TUNE = 1
@@ -31,7 +31,7 @@ class Names(Enum):
     """The kind of object that the path of a verb names."""
 
     NOTHING = "nothing"
-    """No path: the verb concerns the run."""
+    """The verb has no path: it concerns the run."""
     PART = "an object or a compound; empty: the whole machine"
     EQUIPMENT = "an object or a compound, for the equipment in it and around it; empty: all equipment"
     ACTUATOR = "an actuator"
@@ -46,14 +46,14 @@ class ArgumentKind(Enum):
 
     NUMBER = "number"
     TIME = "time"
-    """A number in s, or a text with a unit such as "10 min"."""
+    """A number in s, or a string with a unit such as "10 min"."""
     CHOICE = "choice"
     FLAG = "bool"
     VALUE = "value"
-    """A number in the unit of the object that the path names, or the name of one of its states; the object checks
-    it."""
+    """A number in the unit of the object that the path names, or the name of one of the object's states. The object
+    checks the value."""
     OF_ACTION = "arguments"
-    """The arguments of the action that the path names, by name; the action checks them."""
+    """The arguments of the action that the path names, by name. The action checks them."""
 
 
 TAKES = {
@@ -65,7 +65,7 @@ TAKES = {
 }
 """The text for the values that an argument of each kind accepts; an argument with choices lists them."""
 OWN_FIELDS = ("seconds", "over")
-"""The arguments of the lease, which have fields of their own in a command."""
+"""The arguments of the lease, which have separate fields in a command."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ class VerbArgument:
     required: bool = True
 
     def checked(self, value: Any) -> Any:
-        """Return the value in the form that the verb takes, such as a time in s. Raises RangeError for a value outside
-        its declaration."""
+        """Return the value in the form that the verb takes, such as a time in s. Raises RangeError for a value that the
+        declaration does not permit."""
         if self.kind is ArgumentKind.CHOICE:
             if value not in self.choices:
                 raise RangeError(f"there is no {self.name} {value!r}; there are: {', '.join(self.choices)}")
@@ -123,8 +123,8 @@ class VerbArgument:
 
 
 Work = Callable[[Commanded, ClientCommand, Mapping[str, Any]], VerbAnswer]
-"""Function that carries out a command with its checked arguments and returns the answer. An error of umo that it raises
-is a refusal."""
+"""The function that carries out a command with its checked arguments and returns the answer. If it raises an error of
+umo, the command is refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,30 +134,31 @@ class Verb:
     name: str
     """The `do` of a command: lower-case words, separated by spaces."""
     help: str
-    """The effect, in one sentence."""
+    """The effect of the verb, in one sentence."""
     work: Work
     names: Names = Names.NOTHING
     arguments: tuple[VerbArgument, ...] = ()
     role: Role = Role.MAINTAIN
-    """The least role that may give it."""
+    """The least role that may give the command."""
     needs_lease: bool = True
     only_manual: bool = False
-    """True if it is refused in automatic mode."""
+    """True if the command is refused in automatic mode."""
     of_many: bool = False
-    """True if it may concern the whole machine; only one such command is carried out in a period."""
+    """True if the command may concern the whole machine. Only one such command is carried out in a period."""
     is_kept_up: bool = False
-    """True if its effect lasts only while its client gives signs of life. For an action, its declaration decides
-    that."""
+    """True if the effect lasts only while the client gives signs of life. For an action, the declaration of the action
+    decides this."""
     lasts: bool = False
-    """True if it may end in a later period than it begins in."""
+    """True if the command may end in a later period than that in which it begins."""
     ends: bool = False
-    """True if it ends something that its user has begun: a gateway passes on more commands of this kind."""
+    """True if the command ends something that its user has begun. A gateway passes on more commands of this kind."""
     is_level: bool = False
-    """True if it is sent as a level in shared memory, not through the queue."""
+    """True if the command is sent as a level in shared memory, not through the queue."""
     is_of_lease: bool = False
-    """True if it takes the lease or gives it back: clients that take the lease for each command do so themselves."""
+    """True if the command takes the lease or gives it back. Clients that take the lease for each command do this
+    themselves."""
     operation: Operation | None = None
-    """The operation of a verb on alarms."""
+    """The operation on alarms that the verb carries out."""
 
     @property
     def word(self) -> str:
@@ -171,16 +172,16 @@ class Verb:
 
     @property
     def of_action(self) -> bool:
-        """True if its arguments are those of the action that its path names."""
+        """True if the arguments of the verb are those of the action that its path names."""
         return any(each.kind is ArgumentKind.OF_ACTION for each in self.arguments)
 
     @property
     def is_plain(self) -> bool:
-        """True if it can be given without arguments."""
+        """True if the command can be given without arguments."""
         return not any(each.required for each in self.arguments)
 
     def fields(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """The fields of a command with these arguments. They are checked when the machine takes the command."""
+        """Return the fields of a command with these arguments. They are checked when the machine takes the command."""
         if not arguments and not self.of_action:
             return {}
         if [each.name for each in self.arguments] == list(arguments) and not self.of_action and len(arguments) == 1:
@@ -188,7 +189,7 @@ class Verb:
         return {"arguments": dict(arguments)}
 
     def given(self, command: ClientCommand) -> dict[str, Any]:
-        """The arguments that a command has, checked. Raises RangeError for an argument that is missing, unknown, or
+        """Return the checked arguments of a command. Raises RangeError for an argument that is missing, unknown, or
         outside of its range."""
         if self.of_action:
             return dict(command.arguments)

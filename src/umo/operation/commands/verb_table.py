@@ -1,4 +1,4 @@
-"""The table of verbs for people: in a terminal, in a notebook, on the page docs/verbs.md."""
+"""The table of verbs for people, in a terminal, in a notebook and on the page docs/verbs.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ HEADS = ("verb", "path", "arguments", "role", "when", "what it changes")
 
 
 class VerbTable(Mapping[str, Verb]):
-    """Verbs by name. Its text, and its HTML in a notebook, is a table."""
+    """A mapping of the verbs by name. Its text, and its HTML in a notebook, is a table."""
 
     def __init__(self, verbs: Mapping[str, Verb]) -> None:
         self._verbs = verbs
@@ -40,7 +40,7 @@ class VerbTable(Mapping[str, Verb]):
 
 
 def row_of(verb: Verb) -> tuple[str, ...]:
-    """Return the cells of a verb: name, path, arguments, role, when it is accepted, help."""
+    """Return the cells of a verb: name, path, arguments, role, mode in which it is accepted, help."""
     path = "" if verb.names is Names.NOTHING else verb.names.value
     return verb.name, path, "; ".join(map(argument_text, verb.arguments)), str(verb.role), when_of(verb), verb.help
 
@@ -51,6 +51,6 @@ def argument_text(argument: VerbArgument) -> str:
 
 
 def when_of(verb: Verb) -> str:
-    """Return when a verb is accepted, as text."""
+    """Return as text when a verb is accepted."""
     needs = "with the lease" if verb.needs_lease else "without the lease"
     return f"{needs}, in manual mode" if verb.only_manual else needs

@@ -215,16 +215,16 @@ VERBS: dict[str, Verb] = {
 
 
 def verb_of(name: str) -> Verb | None:
-    """Return the verb of this name, whose words may be joined by underscores or hyphens ("acknowledge_alarm"), or
-    None."""
+    """Return the verb of this name, or None. The words of the name may be joined by underscores or hyphens
+    ("acknowledge_alarm")."""
     return VERBS.get(name.replace("_", " ").replace("-", " "))
 
 
 def naming(*names: Names) -> list[Verb]:
-    """The verbs whose paths name one of these kinds of objects."""
+    """Return the verbs whose paths name one of these kinds of objects."""
     return [each for each in VERBS.values() if each.names in names]
 
 
 def offered() -> list[Verb]:
-    """The verbs that are offered by a client that takes the lease for each command."""
+    """Return the verbs for a client that takes the lease for each command."""
     return [each for each in VERBS.values() if not each.is_of_lease]

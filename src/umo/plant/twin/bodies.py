@@ -18,8 +18,8 @@ class Body:
     """A rigid body of the machine: its shapes, and its drives.
 
     `parent`: the name of the body that carries it, or None if it stands in the world. `position` (m) and `rotation` (as
-    `turned` gives it) are relative to the parent while every joint is at 0. `drives`: joints, each of which acts after
-    the one before it; a colour; a state in which the body is visible; loads that it carries.
+    `turned` returns it) are relative to the parent while every joint is at 0. `drives`: the joints, each of which acts
+    after the previous one; a colour; a state in which the body is visible; the loads that the body carries.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Place from which the twin is first seen: the positions of the eye and of its target, in m."""
+    """The view with which the twin is first shown: the positions of the eye and of its target, in m."""
 
     eye: Numbers
     target: Numbers
@@ -75,5 +75,5 @@ class Viewpoint:
             raise DeclarationError(f"Viewpoint: eye and target are the same place, {self.eye!r}")
 
     def describe(self) -> dict[str, Any]:
-        """The description for the page."""
+        """Return the description for the page."""
         return {"eye": list(map(float, self.eye)), "target": list(map(float, self.target))}

@@ -18,9 +18,9 @@ from umo.wiring.parameters import arguments_for
 def twin_of(layout: Layout, place: Path) -> dict[str, Any] | None:
     """Return the description of the twin that twin.py of a station declares for its machine; None if there is none.
 
-    The description of its frames names the options of its machine. `place`: the station's folder; for a running station
-    the one that its run names. Raises StationError if twin.py cannot be imported or fails, DeclarationError if it does
-    not fit the machine.
+    The description of the station's frames contains the options of the machine. `place`: the station's folder; for a
+    running station, the folder that its run names. Raises StationError if twin.py cannot be imported or fails,
+    DeclarationError if the twin does not fit the machine.
     """
     if not declares_twin(place):  # or a machine and an application given as functions
         return None
@@ -31,18 +31,18 @@ def twin_of(layout: Layout, place: Path) -> dict[str, Any] | None:
 
 
 def place_of(layout: Layout) -> Path:
-    """Return the folder that a running station names, or a folder that does not exist if it names none."""
+    """Return the folder that a running station names. If it names none, return a folder that does not exist."""
     return Path(layout.about.get("place") or "-")
 
 
 def declares_twin(place: Path) -> bool:
-    """True if the folder of a station has a twin.py. Its code is not run."""
+    """Return True if the folder of a station has a twin.py. Its code is not run."""
     return (place / MARK).is_file() and (place / "twin.py").is_file()
 
 
 def declared_by(station: Station, machine: Compound | None = None) -> Twin | None:
-    """The result of `twin(machine)` in twin.py of a station, for this machine, or for one without options; None without
-    the file."""
+    """Return the result of `twin(machine)` in twin.py of a station, for this machine, or for a machine without options;
+    None if there is no such file."""
     module = station.module("twin")
     if module is None:
         return None

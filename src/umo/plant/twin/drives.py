@@ -21,13 +21,13 @@ class Values:
         self._entries = {entry.path: entry for entry in entries}
 
     def entry(self, path: str) -> Described:
-        """Return the entry at a path. DeclarationError with the nearest path if there is none."""
+        """Return the entry at a path. Raises DeclarationError with the nearest path if there is none."""
         if path not in self._entries:
             raise DeclarationError(f"there is no object or signal {path!r}{did_you_mean(path, self._entries)}")
         return self._entries[path]
 
     def level(self, path: str, state: str) -> float:
-        """The value that stands for a state."""
+        """Return the value that stands for a state."""
         entry = self.entry(path)
         if not entry.states:
             raise DeclarationError(f"{path!r} is a number in {entry.unit!r}; it has no state {state!r}")
@@ -57,7 +57,7 @@ class Values:
 
 @dataclass(frozen=True)
 class Drive:
-    """Converts a value to a motion: its number in the unit `per`, times `scale`, plus `offset`.
+    """The conversion of a value to a motion: the number in the unit `per`, times `scale`, plus `offset`.
 
     The result is in m for a slide and in rad for a hinge. `per`: by default m and rad, so that an object in a unit of
     length or angle needs neither `scale` nor `per`. The state declared as `one` of a binary object counts as 1.
@@ -74,7 +74,7 @@ class Drive:
             check_unit(self.per)
 
     def line(self, values: Values, unit: str) -> tuple[float, float]:
-        """Factor and offset from the object's own value to m or rad."""
+        """Return factor and offset from the object's value to m or rad."""
         quantity = {"m": "a length", "rad": "an angle"}[unit] if self.per is None else ""
         factor, zero = values.line(self.path, self.per or unit, quantity)
         return self.scale * factor, self.scale * zero + self.offset
@@ -82,8 +82,8 @@ class Drive:
 
 @dataclass(frozen=True)
 class Joint(Drive):
-    """Base of the joints: how a body moves relative to its parent. `axis` is in the frame of the body. `range`: the
-    stops; the body is not drawn beyond them."""
+    """Base of the joints, which describe how a body moves relative to its parent. `axis` is in the frame of the body.
+    `range`: the stops, beyond which the body is not drawn."""
 
     axis: Numbers = (0.0, 0.0, 1.0)
     range: tuple[float, float] | None = None
@@ -123,7 +123,7 @@ class Slide(Joint):
 @dataclass(frozen=True)
 class Hinge(Joint):
     """Rotation about an axis, in rad; positive is counterclockwise, seen against the direction of the axis. `anchor`: a
-    place on the axis, m."""
+    point on the axis, m."""
 
     anchor: Numbers = HERE
     kind = "hinge"
@@ -140,8 +140,8 @@ class Hinge(Joint):
 @dataclass(frozen=True)
 class Colour:
     """The colour of a body that depends on a value: `Colour("valve", {"ON": "#2ea043", "OFF": "#555555"})`, or between
-    numbers in the object's unit: `Colour("oven", {20: "#333333", 1000: "#ff5020"})`. `shape`: the number of the one
-    shape that it colours, from 0; all of them by default."""
+    numbers in the object's unit: `Colour("oven", {20: "#333333", 1000: "#ff5020"})`. `shape`: the number of the shape
+    that is coloured, from 0; by default all shapes are coloured."""
 
     path: str
     colours: Mapping[str, str] | Mapping[int, str] | Mapping[float, str]
@@ -171,7 +171,7 @@ class Colour:
 
 @dataclass(frozen=True)
 class Visible:
-    """A body is shown only in one state of an object: `Visible("gripper.pressure", "PASS")`."""
+    """A condition that shows a body only in one state of an object: `Visible("gripper.pressure", "PASS")`."""
 
     path: str
     state: str
@@ -183,9 +183,9 @@ class Visible:
 @dataclass(frozen=True)
 class Carried:
     """Loads on a belt. While a sensor is in `state`, a load passes it; the load begins at the body's origin, and
-    travels along the axis x of the body with the belt. It is drawn as a box whose length follows from its time in front
-    of the sensor. `speed`: the path of the belt's speed. `over`: distance in m after which a load is no longer drawn.
-    `size`: its width (y) and height (z), m.
+    travels along the axis x of the body with the belt. A load is drawn as a box whose length is computed from the time
+    in front of the sensor. `speed`: the path of the belt's speed. `over`: distance in m after which a load is no longer
+    drawn. `size`: the width (y) and height (z) of a load, m.
     """
 
     sensor: str

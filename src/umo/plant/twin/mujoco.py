@@ -18,7 +18,7 @@ from umo.text import did_you_mean
 
 WORLD = "world"
 UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
-"""The colour of a geom without a colour of its own, which has that of its material."""
+"""MuJoCo's colour of a geom for which no colour is declared. Such a geom has the colour of its material."""
 
 
 def parts(given: Any, joints: Mapping[str, str | Drive]) -> tuple[list[Body], float | None, Viewpoint | None]:

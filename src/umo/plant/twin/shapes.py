@@ -17,7 +17,7 @@ GREY = "#9aa3ad"
 
 
 def turned(axis: Numbers, degrees: float) -> tuple[float, float, float, float]:
-    """The rotation by an angle about an axis, as the unit quaternion (w, x, y, z) that `rotation` takes."""
+    """Return the rotation by an angle about an axis, as the unit quaternion (w, x, y, z) that `rotation` takes."""
     x, y, z = unit_vector("the axis of a rotation", axis)
     half = math.radians(degrees) / 2
     return math.cos(half), x * math.sin(half), y * math.sin(half), z * math.sin(half)
@@ -25,7 +25,7 @@ def turned(axis: Numbers, degrees: float) -> tuple[float, float, float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """Base of the shapes. `position`: its centre in m; `rotation`: as `turned` gives it; `colour`: "#rrggbb";
+    """Base of the shapes. `position`: the centre in m; `rotation`: as `turned` returns it; `colour`: "#rrggbb";
     `opacity`: 0 to 1."""
 
     position: Numbers = HERE
@@ -47,11 +47,11 @@ class Shape:
                 raise DeclarationError(f"{what}: {name} must be above 0 m, not {size!r}")
 
     def sizes(self) -> dict[str, float]:
-        """The lengths of the shape by name, in m."""
+        """Return the lengths of the shape by name, in m."""
         return {}
 
     def describe(self) -> dict[str, Any]:
-        """The description for the page."""
+        """Return the description for the page."""
         return {
             "kind": self.kind,
             "size": list(map(float, self.sizes().values())),
@@ -64,7 +64,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Cuboid(Shape):
-    """`size`: its full lengths along x, y and z."""
+    """A cuboid. `size`: its full lengths along x, y and z."""
 
     size: Numbers
     kind = "box"
@@ -75,7 +75,7 @@ class Cuboid(Shape):
 
 @dataclass(frozen=True)
 class Ellipsoid(Cuboid):
-    """`size`: its diameters along x, y and z."""
+    """An ellipsoid. `size`: its diameters along x, y and z."""
 
     kind = "ellipsoid"
 
@@ -130,14 +130,14 @@ class Mesh(Shape):
 
 
 def number(what: str, given: Any) -> float:
-    """Return a finite number; DeclarationError otherwise."""
+    """Return a finite number; raises DeclarationError otherwise."""
     if isinstance(given, str):
         raise DeclarationError(f"{what} is a number, not {given!r}")
     return numbers(what, (given,), 1)[0]
 
 
 def numbers(what: str, given: Any, count: int) -> tuple[float, ...]:
-    """Return the given number of finite numbers; DeclarationError otherwise."""
+    """Return the given number of finite numbers; raises DeclarationError otherwise."""
     try:
         found = tuple(float(x) for x in given)
     except (TypeError, ValueError):

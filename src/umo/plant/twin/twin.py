@@ -21,8 +21,8 @@ from umo.text import did_you_mean
 
 class Twin:
     """The bodies of a machine, in SI units; z is up. `floor`: the height of a floor, m, or None if there is none.
-    `view`: by default everything is seen from the front, the right and above. Raises DeclarationError for two bodies
-    with one name, a missing parent, and a circle of parents.
+    `view`: the viewpoint; by default everything is seen from the front, the right and above. Raises DeclarationError
+    for two bodies with one name, a missing parent, and a circle of parents.
     """
 
     def __init__(self, bodies: Iterable[Body], *, floor: float | None = 0.0, view: Viewpoint | None = None) -> None:
@@ -52,11 +52,11 @@ class Twin:
         """Make a twin from the bodies, geoms and joints of a MuJoCo model, given as the path of its file, its XML or an
         `MjModel`.
 
-        `joints`: for each joint that moves, the object that drives it: `{"z": "z.encoder"}`, or a `Drive` with scale
-        and offset. The object's value in m or rad is the joint's coordinate in MuJoCo (its `qpos`). The other joints
-        keep the initial position of the model. `more`: additional bodies, whose parents are bodies of the model by
-        name. Its first camera is the view, its first plane the floor. Raises DeclarationError if MuJoCo is not
-        installed, the model cannot be read, or a joint does not exist.
+        `joints`: for each joint that moves, the object that drives the joint: `{"z": "z.encoder"}`, or a `Drive` with
+        scale and offset. The object's value in m or rad is the joint's coordinate in MuJoCo (its `qpos`). The other
+        joints keep the initial position of the model. `more`: additional bodies. Their parents are bodies of the model,
+        given by name. The first camera of the model is the view, its first plane is the floor. Raises DeclarationError
+        if MuJoCo is not installed, the model cannot be read, or a joint does not exist.
         """
         from umo.plant.twin.mujoco import parts
 
@@ -66,8 +66,8 @@ class Twin:
     def describe(self, machine: Compound | Layout) -> dict[str, Any]:
         """Return plain data (JSON) for the page, with values in the units of the frames.
 
-        DeclarationError, with the body and the nearest valid name, for a path that the machine does not have, a state
-        that an object does not have, and a unit that does not fit.
+        Raises DeclarationError, with the body and the nearest valid name, for a path that the machine does not have, a
+        state that an object does not have, and a unit that does not fit.
         """
         values = Values(entries_of(machine))
         bodies = [body.describe(values) for body in self.bodies]
@@ -77,7 +77,7 @@ class Twin:
 
 
 def entries_of(machine: Compound | Layout) -> list[Described]:
-    """The objects and signals, as frames describe them."""
+    """Return the objects and signals, as frames describe them."""
     if isinstance(machine, Layout):
         return machine.described.traced
     return [*map(described, atoms(machine)), *map(Described, describe_signals(signals_of(numbers_of(machine))))]

@@ -13,7 +13,7 @@ from umo.operation.commands.verb import Names
 from umo.operation.commands.verbs import naming
 
 MAX_TOLD = 3
-"""Number of alarms that are named in a line."""
+"""The largest number of alarms that are named in a line."""
 
 
 class AlarmRow(NamedTuple):
@@ -24,30 +24,30 @@ class AlarmRow(NamedTuple):
     priority: Priority
     text: str
     since: float | None
-    """Time in s on the cycle's clock at which it entered this state, or None if the event is no longer kept."""
+    """The time in s on the cycle's clock at which the alarm entered this state; None if the event is no longer kept."""
     who: str
     """The client that caused this state; "" means the machine itself."""
     note: str
-    """Further text, such as why its condition cannot be evaluated."""
+    """Further text, such as the reason why the condition cannot be evaluated."""
     raised: int = 0
     """Number of times that the alarm has become active in this run; 0 if this is unknown."""
     first: float | None = None
     last: float | None = None
-    """The first and the last of these times, in s on the cycle's clock."""
+    """The times in s on the cycle's clock at which the alarm first (`first`) and last became active in this run."""
 
     @property
     def annunciated(self) -> bool:
-        """True if an operator should see it: that is, if it is neither shelved nor out of service."""
+        """True if an operator should see the alarm: that is, if it is neither shelved nor out of service."""
         return self.state in ANNUNCIATED
 
     @property
     def asks(self) -> bool:
-        """True if it must be acknowledged."""
+        """True if the alarm must be acknowledged."""
         return self.state in TO_BE_ACKNOWLEDGED
 
     @property
     def verbs(self) -> list[str]:
-        """Names of the verbs that have an effect on it in its state."""
+        """The names of the verbs that have an effect on the alarm in its present state."""
         able = operations(self.state)
         return [each.name for each in naming(Names.ALARM) if each.operation is None or each.operation in able]
 
@@ -63,8 +63,9 @@ def alarm_rows(
     raised: bool = False,
     every: bool = False,
 ) -> list[AlarmRow]:
-    """The alarms that are not normal, with `raised` also those that were raised in this run, with `every` all. The
-    order: unacknowledged ones first, then by priority, the newest first; normal ones last."""
+    """Return the alarms that are not normal; with `raised` also the alarms that were raised in this run, with `every`
+    all alarms. Unacknowledged alarms come first, then the order is by priority, the newest first; normal alarms come
+    last."""
     last = {event.path: event for event in events if event.asked == ALARM}
     numbered = zip(entries, states, occurrences, strict=True)
     rows = [
@@ -76,7 +77,7 @@ def alarm_rows(
 
 
 def alarms_text(rows: Sequence[AlarmRow]) -> list[str]:
-    """The first few alarms as text, and the number of the others."""
+    """Return a text with the first few alarms, and the number of the others."""
     shown = [row for row in rows if row.annunciated]
     more = len(shown) - MAX_TOLD
     return [*map(str, shown[:MAX_TOLD]), *([f"and {more} more"] if more > 0 else [])]

@@ -1,4 +1,4 @@
-"""The black box: the last periods of a run in a file, which reads like a ring (`umo.process.frames.Reader`)."""
+"""The black box: the last periods of a run in a file, which is read like a ring (`umo.process.frames.Reader`)."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from umo.text import time_of_day
 KEPT_PERIODS = 1000
 MAX_BOXES = 10
 AFTERMATH = 0.05
-"""Time in s after a missed period that its black box also contains."""
+"""The time in s after a missed period that the black box also contains."""
 AFTERMATH_PERIODS, LONGEST_AFTERMATH = 20, 1.0
-"""Number of later periods in the black box, if they take at most the second number in s; several periods show a part
-that is always too slow."""
+"""The number of later periods in the black box, and the longest time in s that these periods may take. Several periods
+show a part that is always too slow."""
 SUFFIX = ".box"
 UNFINISHED_AGE = 3600.0
-"""Age in s from which an unfinished file counts as abandoned."""
+"""The age in s from which on an unfinished file counts as abandoned."""
 MISSED_PERIOD, ON_DEMAND = "a period was missed", "on demand"
-"""Reasons for a black box other than the end of a run; any other reason is that of a failed run."""
+"""The reasons for a black box other than the end of a run. Any other reason is that of a failed run."""
 
 
 def folder() -> Path:
-    """The folder of this user's black boxes, for nobody else. Raises FramesError if it cannot be made. All users may
-    read the folder around it, which has records for them."""
+    """Return the folder of this user's black boxes, which only this user may read. Raises FramesError if the folder
+    cannot be made. All users may read the outer folder, which has records for them."""
     try:
         return folders.checked(folders.own(folders.lasting(), 0o755) / "blackbox")
     except OSError as error:
@@ -43,7 +43,7 @@ def folder() -> Path:
 
 def save(reader: Reader, path: Path, reason: str, periods: int = KEPT_PERIODS) -> None:
     """Write the last `periods` frames of a ring, their entries that are still in its journal, and the reason. Raises
-    OSError if that fails; then no file is left."""
+    OSError if this fails; then no file remains."""
     content = _content(reader, reader.last(periods), reason)
     with folders.written(path, 0o600) as stream:
         stream.write(content)
@@ -76,12 +76,12 @@ def _content(reader: Reader, frames: Frames, reason: str) -> bytearray:
 
 
 def aftermath(period: float) -> float:
-    """Time in s after a missed period at which its black box is written."""
+    """Return the time in s after a missed period at which its black box is written."""
     return max(AFTERMATH, min(AFTERMATH_PERIODS * period, LONGEST_AFTERMATH))
 
 
 def boxes(folder: Path) -> list[Path]:
-    """The black boxes in a folder, oldest first."""
+    """Return the black boxes in a folder, oldest first."""
     return sorted(folder.glob(f"*{SUFFIX}"), key=folders.modified)
 
 
@@ -97,12 +97,12 @@ def station_of(path: Path) -> str:
 
 
 def kept_at(about: Mapping[str, Any]) -> str:
-    """The local time at which a black box was written."""
+    """Return the local time at which a black box was written."""
     return time_of_day(about.get("kept", about["started"]))
 
 
 def thin(folder: Path) -> None:
-    """Remove all except the newest, and unfinished files of killed processes."""
+    """Remove all black boxes except the newest ones, and unfinished files of killed processes."""
     for path in boxes(folder)[:-MAX_BOXES]:
         path.unlink(missing_ok=True)
     for path in folder.glob(f".*{SUFFIX}.*"):

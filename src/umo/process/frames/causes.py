@@ -1,9 +1,9 @@
-"""Finds the cause of a missed period from its frames.
+"""The search for the cause of a missed period in its frames.
 
-A tick is missed between a return of the timer and its next call: the period before the reporting frame woke late, or
-took too long. The part of that period with the largest excess over its usual time (the median of the available periods
-that ended in time; 0 if none did) shows where the time was spent; the counters of the operating system and of the
-interpreter show why.
+A tick is missed between a return of the timer and its next call: in the period before the reporting frame, the loop
+woke late or the work took too long. The part of this period with the largest excess over its usual time shows where the
+time was spent. The usual time is the median of the available periods that ended in time; 0 if there are none. The
+counters of the operating system and of the interpreter show the reason.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from umo.process.frames.run_reader import Frames
 from umo.text import count_of
 
 CAUSE_SHARE = 0.5
-"""Least share of the excess that a counter of time must explain to be the cause."""
+"""The least share of the excess that a counter of time must explain to count as the cause."""
 MIN_FAULT_TIME = 500.0
-"""Least time in ns of a page fault without the disk."""
+"""The least time in ns of a page fault that does not access the disk."""
 FAULT_SHARE = 0.1
 SOME_FAULTS = 8
 ALWAYS_SHARE = 0.5
-"""Share of the periods that are late from which on the station is always too slow."""
+"""The share of late periods from which on the station counts as always too slow."""
 ALWAYS_PERIODS = 10
-"""Least number of periods, and of late periods, for that."""
+"""The least number of periods, and of late periods, for this verdict."""
 FULL_SHARE = 0.8
-"""Share of a period from which on its usual time leaves little room."""
+"""The share of a period from which on the usual time leaves little room."""
 NAMED_SHARE = 0.1
-"""Share of a period from which on a part of the period is named in that case."""
+"""The share of a period from which on a part of the period is named if there is little room."""
 AFTER = "after"
 WAKE = "wake"
 CONTROL_CODE = "control code"
@@ -66,11 +66,12 @@ class MissCause:
     cause: Cause
     text: str
     excess: float
-    """Time in s above the usual one."""
+    """The time in s above the usual time."""
 
 
 class Evidence:
-    """The parts of the time of each period, and the counts in it, computed once for all verdicts on some frames."""
+    """The parts of the time of each period, and the counts in each period, computed once for all verdicts on some
+    frames."""
 
     def __init__(self, frames: Frames, layout: Layout) -> None:
         self._missed = frames["missed"].tolist()
@@ -81,15 +82,16 @@ class Evidence:
         self._longest = [list(parts)[number] for number in excess.argmax(axis=0)]
         """The part of each period with the largest excess over its usual time."""
         self._excess = excess.max(axis=0).tolist()
-        """ns."""
+        """The excess in ns."""
         self._parts = parts
         self._counts = counts(frames)
         self._tick = 0.5e9 * float(layout.about.get("period", 0.0))
-        """ns above the usual from which a period may have cost a tick."""
+        """The excess in ns above the usual time from which on a period may have caused a missed tick."""
 
     def explain(self, row: int) -> MissCause:
-        """Explain why periods were missed at this row; UNKNOWN if the causing period, or the counts of one of the first
-        two, are not available, unless a part of it took longer than a whole period."""
+        """Return the cause of the periods that were missed at this row. The cause is UNKNOWN if the causing period, or
+        the counts of one of the first two periods, are not available, unless a part of the causing period took longer
+        than a whole period."""
         first, excess, part = row, 0.0, ""
         while first >= 1:
             before = first - 1
@@ -110,7 +112,7 @@ class Evidence:
 
 
 def explain_all(frames: Frames, layout: Layout) -> list[MissCause]:
-    """The verdict on each row that reports missed periods."""
+    """Return the verdict on each row that reports missed periods."""
     rows = np.flatnonzero(frames["missed"]).tolist()
     if not rows:
         return []
@@ -119,8 +121,8 @@ def explain_all(frames: Frames, layout: Layout) -> list[MissCause]:
 
 
 def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: int) -> list[str]:
-    """Return sentences on parts that are always too slow, on the last verdicts (at most `most`), and on the frequency
-    of each cause, such as
+    """Return sentences about parts that are always too slow, about the last verdicts (at most `most`), and about the
+    frequency of each cause, such as
 
     `2 periods missed before 3.456 s (period 3456): control code took 2.1 ms`."""
     period = float(layout.about.get("period", 0.0))
@@ -137,9 +139,9 @@ def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: i
 
 
 def always_slow(frames: Frames, layout: Layout) -> str:
-    """Return a sentence on the parts that usually take too long, if the period is too short for them: `too slow for the
-    period of 10 ms: 98 % of 500 periods are late; usually control code takes 12 ms, driver io (sample) 4 ms`. Empty if
-    the usual times fit."""
+    """Return a sentence about the parts that usually take too long, if the period is too short for them: `too slow for
+    the period of 10 ms: 98 % of 500 periods are late; usually control code takes 12 ms, driver io (sample) 4 ms`. Empty
+    if the usual times fit."""
     period, count = float(layout.about.get("period", 0.0)) * 1e9, len(frames) - 1
     late = np.append(frames["missed"][1:] > 0, False)
     is_slow = late.sum() >= max(ALWAYS_PERIODS, ALWAYS_SHARE * count)
@@ -180,8 +182,8 @@ def _driver_work(kind: str) -> str:
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
-    """The parts of each period's time in ns: waking up, the phases, and the work after `update`. Attempts to reach a
-    driver are left out if there were none."""
+    """Return the parts of each period's time in ns: waking up, the phases, and the work after `update`. The part for
+    attempts to reach a driver is left out if there were none."""
     phases = frames["phases"].astype(float)
     parts: PhaseTimes = {name: phases[:, i] for i, name in enumerate(layout.phases) if name != "timer"}
     parts = {name: times for name, times in parts.items() if not name.startswith(f"{TRY} ") or times.any()}
@@ -196,8 +198,8 @@ def split(frames: Frames, layout: Layout) -> PhaseTimes:
 
 
 def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
-    """The count of each counter in the period of each row. The counters are not read in every period: the usual count
-    is subtracted for the periods between two readings. A row without a reading of its own gets 0."""
+    """Return the count of each counter in the period of each row. The counters are not read in every period; the usual
+    count is subtracted for the periods between two readings. A row without a reading has the count 0."""
     read = np.flatnonzero(np.diff(frames["counted"])) + 1  # those with a reading of their own
     periods = np.diff(frames["counted"])[read - 1]
     found = {}

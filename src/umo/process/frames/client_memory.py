@@ -1,15 +1,16 @@
-"""The cells: the memory beside the frames that clients write and the machine reads. Levels, and the queue of commands.
+"""The cells: the memory next to the frames that clients write and the machine reads. It contains levels, and the queue
+of commands.
 
-Its size is sealed, but its content is not: every process of the user may write anything there. So the machine checks
-all that it reads, and at worst a command is dropped, or a lease or a hold ends.
+The size of this memory is sealed, but its content is not: every process of the user may write anything there. So the
+machine checks everything that it reads, and at worst a command is dropped, or a lease or a hold ends.
 
 Layout, little-endian: at `STOP` a request to stop, `STOP_MARK` plus the number of a signal; at `WHO` a text
 (`umo.system.shared_cells.SharedText`) with the signal's number and the requesting client, UTF-8, up to `NAME` bytes; at
 `HEAD` the number of commands written so far; from `QUEUE` on `SLOTS` commands of `SLOT` bytes each
 (`umo.process.frames.command_queue`); from `SIGNS` on the signs of life, 16 bytes each: the time of the last sign of the
-holder of a lease, in ns of CLOCK_MONOTONIC, in the second word; the first word is that XOR the number of the lease, so
-that words of two clients together are not a valid sign. The first sign is that of the lease itself; then comes one for
-each object, and one for each action, in the order of the frames' description.
+holder of a lease, in ns of CLOCK_MONOTONIC, in the second word; the first word is this time XOR the number of the
+lease, so that words of two clients together are not a valid sign. The first sign belongs to the lease itself; then
+follow a sign for each object and a sign for each action, in the order of the frames' description.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ STOP, WHO, HEAD, QUEUE = 0, 16, 104, 128
 SLOTS, SLOT = 64, 1024
 SIGNS = QUEUE + SLOTS * SLOT
 STOP_MARK = 0x756D_6F53_746F_7000
-"""Number that marks the request for a stop, so that it is not there by accident."""
+"""The number that marks a request to stop, so that memory cannot contain a request by accident."""
 SIGNALS = {int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)}
 LEASE = ""
 """The path of the lease's sign of life."""
 
 
 def size_of(layout: Layout) -> int:
-    """Number of bytes of the cells of a run."""
+    """Return the number of bytes of the cells of a run."""
     return SIGNS + 16 * (1 + len(layout.objects) + len(layout.actions))
 
 
@@ -49,8 +50,8 @@ class ClientMemory:
         self.memory = memoryview(self._map)
         self.words = self.memory[: len(self._map) & ~7].cast("Q")
         self.asked, self.head = (self.words[at >> 3 : (at >> 3) + 1] for at in (STOP, HEAD))
-        """One number each, for the check in each period: the first is not 0 if a stop is requested or the content is
-        invalid; the second is the number of commands written so far."""
+        """Two arrays of one number each, for the check in each period. The first number is not 0 if a stop is requested
+        or the content is invalid. The second is the number of commands written so far."""
         self._who = SharedText(self._map, WHO, HEAD - WHO)
         paths = [LEASE, *(str(entry["path"]) for entry in (*layout.objects, *layout.actions))]
         self._signs = {path: (SIGNS >> 3) + 2 * number for number, path in enumerate(paths)}
@@ -58,7 +59,7 @@ class ClientMemory:
     # A stop --------------------------------------------------------------------------------------------
 
     def ask_to_stop(self, number: int, who: str) -> None:
-        """Ask the run to end as after this signal. Only the first request counts."""
+        """Request the run to end as after this signal. Only the first request counts."""
         if self.stop is None:
             self._who.put(number, cut(who, NAME))
             self.words[STOP >> 3] = STOP_MARK | number
@@ -66,7 +67,7 @@ class ClientMemory:
     @property
     def stop(self) -> tuple[int, str] | None:
         """The stop signal that was requested, and the client that requested it, or None if there is no request. The
-        client is "" if two requested it at the same moment."""
+        client is "" if two clients requested the stop simultaneously."""
         word = self.words[STOP >> 3]
         if not word or word ^ STOP_MARK not in SIGNALS:
             return None

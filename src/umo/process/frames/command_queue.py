@@ -1,8 +1,8 @@
 """The queue of commands in the cells (`umo.process.frames.client_memory`): clients write it, the machine reads it.
 
-Clients take turns by a lock that the machine does not take. Each of the `SLOTS` commands is, little-endian: CRC-32 of
-the rest, size of the text, number of the command (from 1), text (JSON, UTF-8). `HEAD` is the number of commands written
-so far; the machine corrects an impossible number.
+A lock, which the machine does not take, lets one client write at a time. Each of the `SLOTS` commands has these
+little-endian fields: CRC-32 of the following fields, size of the text, number of the command (from 1), text (JSON,
+UTF-8). `HEAD` is the number of commands written so far; the machine corrects an impossible number.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ ENTRY = struct.Struct("<IIQ")
 MAX_COMMAND_BYTES = SLOT - ENTRY.size
 """Largest size of a command's text, in bytes."""
 MAX_DROPS = 4
-"""Largest number of entries that are dropped at one look."""
+"""The largest number of entries that are dropped in one look."""
 SEND_TIMEOUT = 1.0
-"""Time in s that a client waits for room in the queue, and for its turn."""
+"""The time in s for which a client waits for room in the queue, and for the lock."""
 SEND_PAUSE = 0.002
 
 
@@ -45,7 +45,7 @@ class Receiver:
         self.taken = 0
         self.dropped = 0
         self._doubted = 0
-        """The last command that was not whole when it was looked at."""
+        """The last command that was incomplete when it was read."""
 
     def get(self) -> ClientCommand | None:
         """Return the next command, or None if there is none. Anything that is not a command is counted and dropped."""
@@ -99,7 +99,7 @@ class Sender:
 
     def send(self, command: dict[str, Any]) -> int:
         """Send a command and return its number. Raises CommandRefused if the queue stays full, or if the machine would
-        drop the command, which would then have no answer."""
+        drop the command without an answer."""
         text = json.dumps(command).encode()
         if _parsed(0, text) is None:
             raise CommandRefused(f"{command.get('do')} {command.get('path')}: it is not a valid command")

@@ -1,8 +1,9 @@
-"""The server of a run's frames: a Unix socket at which clients get the descriptors of its memory. The folder of these
-sockets: one for each user, in shared memory if there is any.
+"""The server of a run's frames, a Unix socket at which clients get the descriptors of the run's memory, and the folder
+of these sockets. Each user has a folder, in shared memory if there is any.
 
-Only processes of the same user, and root, get them; both ends ask the kernel who the other is (SO_PEERCRED, unix(7)).
-A socket without a listener belongs to a dead process: a process that finds it removes it.
+Only processes of the same user, and root, get the descriptors: both ends ask the kernel for the identity of the other
+end (SO_PEERCRED, unix(7)). A socket without a listener belongs to a dead process; any process that finds such a socket
+removes it.
 """
 
 from __future__ import annotations
@@ -27,21 +28,23 @@ from umo.system.processes import is_used
 
 GREETING = b"umo frames 6"
 MAX_ADDRESS_BYTES = 107
-"""Bytes of a socket's address (unix(7), sun_path)."""
+"""The size of a socket's address in bytes (unix(7), sun_path)."""
 MAX_WAITING = 64
-"""Largest number of clients that wait for an answer at once."""
+"""The largest number of clients that wait for an answer simultaneously."""
 ANSWER_TIMEOUT = 10.0
-"""Time in s that a client waits for the descriptors of a living process, which may answer late on a busy computer."""
+"""The time in s for which a client waits for the descriptors of a living process, which may answer late on a busy
+computer."""
 STOPPED_TIMEOUT = 1.0
-"""Time in s that a client waits for a process that was stopped by a signal, and for one that has ended."""
+"""The time in s for which a client waits for a process that was stopped by a signal, and for a process that has
+ended."""
 CONNECT_PAUSE = 0.005
-"""Time in s to the next attempt of a client while too many others wait."""
+"""The time in s until the next attempt of a client while too many clients wait."""
 ANSWER_LOOK_INTERVAL = 0.1
-"""Time in s between two looks at the process that must answer."""
+"""The time in s between two checks of the process that must answer."""
 GUARDIAN_NAMES = ("umo guardian", "umo standby")
-"""Names of the processes that answer for their child, which has made the socket."""
+"""The names of the processes that answer for their child process, which has made the socket."""
 ACCEPT_PAUSE = 0.1
-"""Time in s to the next client after one that could not be accepted, in a thread."""
+"""The time in s until the next client is accepted after a failure, in a thread."""
 ROOT = 0
 SUFFIX = ".sock"
 FOLDER_VARIABLE = "UMO_FRAMES"
@@ -54,7 +57,7 @@ _OPEN = re.compile(rf"[\w-]+-\d+-[0-9a-f]+{re.escape(SUFFIX)}", re.ASCII)
 
 
 def folder() -> Path:
-    """Return the user's folder, which is made if needed. Raises FramesError if that fails."""
+    """Return the user's folder, which is made if needed. Raises FramesError if this fails."""
     try:
         if given := os.environ.get(FOLDER_VARIABLE):
             return folders.checked(Path(given))
@@ -81,7 +84,8 @@ def sockets() -> list[Path]:
 
 
 def rings() -> list[Path]:
-    """The sockets of running stations, oldest first. Those of dead processes are removed, and nothing else."""
+    """Return the sockets of running stations, oldest first. The sockets of dead processes are removed; other files are
+    not."""
     place = folder()
     try:
         names = os.listdir(place)
@@ -95,8 +99,8 @@ def rings() -> list[Path]:
 
 
 def is_living(path: Path) -> bool:
-    """True if this is the socket of a living process. The socket of a dead one is removed; any other file is not
-    changed."""
+    """Return True if this is the socket of a living process. The socket of a dead process is removed; any other file is
+    not changed."""
     served = is_served(path) if is_socket(path) else None
     if served is False:
         remove(path)
@@ -109,8 +113,9 @@ def _made(path: Path) -> int:
 
 
 class FrameServer:
-    """Gives clients that ask at `path` the descriptors `ends`. Raises OSError if the socket cannot be made. A forked
-    process inherits it: one of the two may `listen`, when the memory is complete, and the other answers.
+    """The server that gives the descriptors `ends` to clients that connect at `path`. Raises OSError if the socket
+    cannot be made. A forked process inherits the server: one of the two processes may call `listen` when the memory is
+    complete, and the other one answers.
     """
 
     def __init__(self, path: Path, ends: RunDescriptors) -> None:
@@ -135,7 +140,7 @@ class FrameServer:
             raise FramesError(f"the socket for frames {self.path} cannot be made: {error.strerror or error}") from None
 
     def leave(self) -> None:
-        """Leave the answers to the other process."""
+        """Stop answering in this process, because the other process answers."""
         self._socket.close()
 
     def look(self) -> None:
@@ -163,7 +168,7 @@ class FrameServer:
                 calls.send_message(client, GREETING, self.ends)
 
     def close(self) -> None:
-        """From now on the run cannot be found; processes that have its memory keep it."""
+        """Close the server: from now on the run cannot be found. Processes that have the memory of the run keep it."""
         self._closed.set()
         remove(self.path)
         with suppress(OSError):
@@ -174,7 +179,7 @@ class FrameServer:
 
 
 def receive(path: Path) -> RunDescriptors:
-    """The descriptors of the run whose socket this is. Raises FramesError if they cannot be received."""
+    """Return the descriptors of the run whose socket this is. Raises FramesError if they cannot be received."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
         here.settimeout(STOPPED_TIMEOUT)
         try:
@@ -240,12 +245,13 @@ def _asked(maker: int) -> tuple[str, int]:
 
 
 def is_socket(path: Path) -> bool:
-    """True if this is a socket of this user, and not a link to one."""
+    """Return True if this is a socket of this user, and not a link to one."""
     return is_own(path, stat.S_ISSOCK)
 
 
 def is_served(path: Path) -> bool | None:
-    """Return whether there is a listener, or None if unknown. A stopped process is not waited for."""
+    """Return whether there is a listener, or None if this is unknown. The function does not wait for a stopped
+    process."""
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here, _address(path) as address:
             here.setblocking(False)

@@ -1,15 +1,15 @@
 """The binary layout of a ring of frames, which the ring's own header describes.
 
-A ring is one piece of memory, or one file (a black box), little-endian: a header of fixed numbers (`HEADER`), the live
-numbers, a description in JSON, then `slots` frames of `slot_bytes` each, then the journal of `entries` entries, the
-events and the tunable numbers (8 bytes each). A reader in another language needs the fixed numbers below and the JSON,
-which gives the name, type (numpy's notation: "<i8" is a signed integer of 8 bytes), offset, count and unit of every
-field of a frame, an entry and an event.
+A ring is a little-endian piece of memory or file (a black box). It contains a header of fixed numbers (`HEADER`), the
+live numbers, a description in JSON, then `slots` frames of `slot_bytes` each, then the journal of `entries` entries,
+the events and the tunable numbers (8 bytes each). A reader in another language needs the fixed numbers below and the
+JSON, which has the name, type (in numpy's notation: "<i8" is a signed integer of 8 bytes), offset, count and unit of
+every field of a frame, an entry and an event.
 
 Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is being written and 2 i + 2 when it
 is complete. Entry number k (from 0) lies at k % entries of the journal; a frame gives the number of its first entry and
-their count. They are still there if, after they were copied, `Live.JOURNAL` is at most that first number + `entries`.
-Event number n (from 0) lies at n % `EVENTS`. Its `sequence` is n + 1 when it is complete.
+their count. Copies of these entries are valid if, after copying, `Live.JOURNAL` is at most the number of the first
+entry + `entries`. Event number n (from 0) lies at n % `EVENTS`. Its `sequence` is n + 1 when it is complete.
 """
 
 from __future__ import annotations
@@ -38,29 +38,30 @@ from umo.system.shared_cells import SharedText
 MAGIC = b"umoframe"
 VERSION = 11
 HEADER = struct.Struct("<8sIIQQQQQQ")
-"""Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
-the description."""
+"""The fields of the header: magic, version, flags, offset of the first slot, bytes of a slot, number of slots, offset
+of the journal, number of its entries, bytes of the description."""
 SHRUNK = "shrunk_from"
-"""Key in the description of a shrunk recording, for the number of periods that it had before."""
+"""The key in the description of a shrunk recording for the number of periods that the recording had before."""
 CHECKSUM = 1
-"""Flag: each frame carries a CRC-32, because the order of stores is not certain on this processor. It covers `sequence`
-(the even one) and all bytes after `checksum` up to the end of the last field; there is another one of its entries. A
-reader also verifies the checksums of events."""
+"""The flag that each frame has a CRC-32, because the order of stores is not certain on this processor. The CRC-32
+covers `sequence` (the even number) and all bytes after `checksum` up to the end of the last field. The entries of the
+frame have another CRC-32. A reader also verifies the checksums of events."""
 
 
 class Live:
-    """The live numbers: the place of each, counted in numbers of 8 bytes."""
+    """The indices of the live numbers, counted in numbers of 8 bytes."""
 
     HEAD, STATE, MISSED = 8, 9, 10
     """Number of finished frames; state (`umo.cycle.stage`); total number of missed periods."""
     JOURNAL = 11
     """Number of the next entry. It is increased before the entries are written."""
     DESCRIBED = 12
-    """CRC-32 of the description, which does not change."""
+    """The CRC-32 of the description. The description does not change."""
     EVENT, MODE = 13, 14
-    """Number of the next event; mode (`umo.operation.commands.client_commands`; -1 if it takes no commands)."""
+    """The number of the next event; the mode (`umo.operation.commands.client_commands`; -1 if the machine takes no
+    commands)."""
     TAKEN, DROPPED = 15, 16
-    """Number of commands taken from clients, and of those that were dropped."""
+    """The number of commands taken from clients; the number of commands that were dropped."""
     LEASE = 17
     """Number of the lease, which is also the number of the text at `LEASE_AT`."""
 
@@ -70,10 +71,11 @@ DESCRIPTION = 256
 NOTE = 64
 NAME = 64
 LEASE_AT, LEASE_BYTES = 8 * Live.LEASE, TEXT_HEAD.size + NAME
-"""Offset of a text (`umo.system.shared_cells.SharedText`) and its size: number of the lease, size of its holder's name,
-CRC-32 of both and of the name, each 8 bytes; the name, UTF-8, up to `NAME` bytes, or empty for nobody."""
+"""The offset and the size of a text (`umo.system.shared_cells.SharedText`) with these fields: the number of the lease,
+the size of the holder's name, the CRC-32 of both and of the name (8 bytes each), and the name in UTF-8, up to `NAME`
+bytes, empty if nobody has the lease."""
 EVENTS = 512
-"""Number of the last events that are kept."""
+"""The number of the most recent events that are kept."""
 
 ENTRY = ENTRIES
 """An entry of the journal (`umo.cycle.journal`)."""
@@ -91,8 +93,8 @@ EVENT_ROW = np.dtype(
         ("text", f"S{EVENT_TEXT_BYTES}"),
     ]
 )
-"""An event (`umo.cycle.events`): texts are UTF-8 and cut to the size of their fields. The checksum is the CRC-32 of its
-`sequence` and of the rest."""
+"""An event (`umo.cycle.events`): texts are UTF-8 and cut to the size of their fields. The checksum is the CRC-32 of
+`sequence` and of the fields after the checksum."""
 
 _TEXT_SIZES = [EVENT_ROW[name].itemsize for name in ("who", "path", "asked", "text")]
 _EVENT = struct.Struct("<dQQ" + "".join(f"{size}s" for size in _TEXT_SIZES))
@@ -101,7 +103,7 @@ EVENT_BODY = 16
 
 
 def pack_event(memory: Any, at: int, event: Event, sequence: int) -> None:
-    """Write an event to its row at `at`, except the `sequence`, which completes it."""
+    """Write an event to its row at `at`, except the `sequence`, which completes the row."""
     texts = map(cut, (event.who, event.path, event.asked, event.text), _TEXT_SIZES)
     body = _EVENT.pack(event.time, event.command, event.state, *texts)
     memory[at + 8 : at + EVENT_BODY + len(body)] = event_checksum(sequence, body).to_bytes(8, "little") + body
@@ -112,7 +114,7 @@ def event_checksum(sequence: int, body: bytes) -> int:
 
 
 def cut(text: str, size: int) -> bytes:
-    """Return a text cut to this number of bytes, without half a character at the end."""
+    """Cut a string to this number of bytes, and return it without an incomplete character at the end."""
     found = text.encode(errors="replace")
     return found if len(found) <= size else found[:size].decode(errors="ignore").encode()
 
@@ -131,8 +133,8 @@ USAGE: list[Column] = [
     ("collections", "<i8", 1, ""),
     ("collecting", "<i8", 1, "ns"),
 ]
-"""Counters of the operating system and the interpreter for the loop's thread, as last read; differences between two
-frames show what happened between these readings."""
+"""The counters of the operating system and the interpreter for the loop's thread, as last read. Differences between two
+frames show what happened between their readings."""
 
 FIXED: list[Column] = [
     ("sequence", "<u8", 1, ""),
@@ -173,7 +175,7 @@ class DescribedValues(NamedTuple):
 
     @property
     def traced(self) -> list[Described]:
-        """The values in each frame: objects, then signals. The columns of a history are these."""
+        """The values in each frame: objects, then signals. They are the columns of a history."""
         return [*self.objects, *self.signals]
 
 
@@ -197,13 +199,13 @@ class Layout:
     equipment: tuple[dict[str, Any], ...] = ()
     axes: tuple[dict[str, Any], ...] = ()
     alarms: tuple[dict[str, Any], ...] = ()
-    """For equipment, axes and alarms: the path of each, and the names of its states by number; for alarms also text,
-    priority and options, for axes also position, limits and actions."""
+    """The path and the names of the states by number of each equipment, axis and alarm; for alarms also text, priority
+    and options, for axes also position, limits and actions."""
     units: tuple[dict[str, Any], ...] = ()
     """Path, states and commands of each state machine (`umo.operation`); its state is the signal `PATH.state`."""
     books: tuple[dict[str, Any], ...] = ()
-    """Path, fields and recipes of each book (`umo.operation.recipe_book`). The recipe that was begun last and the one
-    that is chosen are the signals `PATH.begun` and `PATH.choice`, if it shows them."""
+    """The path, fields and recipes of each recipe book (`umo.operation.recipe_book`). The recipe that was begun last is
+    the signal `PATH.begun`, and the chosen recipe is the signal `PATH.choice`, if the book shows them."""
 
     @cached_property
     def described(self) -> DescribedValues:
@@ -238,7 +240,7 @@ class Layout:
 
     @property
     def content(self) -> int:
-        """Number of used bytes of a frame; the rest up to its size is empty."""
+        """The number of used bytes of a frame. The bytes after these, up to the size of the frame, are empty."""
         return sum(np.dtype(kind).itemsize * count for _, kind, count, _ in self.columns)
 
     def describe(self) -> bytes:
@@ -278,13 +280,14 @@ class Places(NamedTuple):
     journal: int
     events: int
     alarms: int
-    """Place of three rows of `<f8`: for each alarm, how often it was raised, and the first and the last time."""
+    """The place of three rows of `<f8`: for each alarm the number of times that it was raised, the first time and the
+    last time."""
     tunables: int
     size: int
 
     @classmethod
     def of(cls, layout: Layout, first: int, slots: int, entries: int) -> Places:
-        """Places in a ring with these numbers of frames, from `first` on, and of entries in the journal."""
+        """Return the places in a ring with these numbers of frames, from `first` on, and of entries in the journal."""
         journal = first + slots * layout.dtype.itemsize
         events = journal + entries * ENTRY.itemsize
         alarms = events + EVENTS * EVENT_ROW.itemsize
@@ -293,8 +296,8 @@ class Places(NamedTuple):
 
 
 def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[bytes, Places]:
-    """Return header, live numbers (all 0) and description of a ring with these numbers of frames and entries, and its
-    places."""
+    """Return header, live numbers (all 0) and description of a ring with these numbers of frames and entries, and the
+    places of the ring."""
     description, slot = layout.describe(), layout.dtype.itemsize
     first = -(-(DESCRIPTION + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
     places = Places.of(layout, first, slots, entries)
@@ -326,8 +329,8 @@ def _describe_row(row: np.dtype[Any]) -> dict[str, Any]:
 def describe_signals(
     signals: Sequence[Signal], kept: Mapping[str, Any] = MappingProxyType({})
 ) -> tuple[dict[str, Any], ...]:
-    """Path and unit of each signal, in the order of the frame; for a named value, the names of its states; for a kept
-    one, its type."""
+    """Return path and unit of each signal, in the order of the frame; for a named value also the names of its states,
+    for a kept value also its type."""
     return tuple(
         {"path": each.path, "unit": each.unit}
         | ({"states": {str(n): s for n, s in each.states.items()}} if each.states else {})

@@ -45,16 +45,16 @@ RUN_ITEMS: Mapping[str, Mapping[str, Any]] = {
     "execution": {"unit": "s"},
     "wake": {"unit": "s"},
 }
-"""The items of each run. `execution` and `wake` are the greatest since the last look: the time from the tick to waking
-up, and from there to the end of the period."""
+"""The items of each run. `wake` is the time from the tick to waking up, and `execution` the time from waking up to the
+end of the period; both are the greatest values since the last look."""
 
 
 QUIET = tuple(str(each) for each in AlarmState if each is AlarmState.NORMAL or each in PUT_AWAY)
-"""Names of the states of an alarm, or of equipment, in which nothing is wrong, or which an operator has shelved or
-removed from service."""
+"""The names of the states of an alarm, or of equipment, in which nothing is wrong, and of the states in which an
+operator has shelved an alarm or removed it from service."""
 DIGITS, MAX_DIGITS = 6, 15
-"""Number of significant digits of the greatest value, if no resolution gives the digits; largest number of digits after
-the point."""
+"""DIGITS: the number of significant digits of the greatest value, if no resolution determines the digits. MAX_DIGITS:
+the largest number of digits after the point."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,11 @@ class MachineItem:
     about: Mapping[str, Any] = field(repr=False)
     """Description of the item in the frames (`umo.process.frames.layout`)."""
     unit: str = ""
-    """The unit as declared, "mm/s**2"; "" if it has none."""
+    """The unit as declared, such as "mm/s**2"; "" if there is none."""
     minimum: float | None = None
     maximum: float | None = None
     states: Mapping[int, str] = field(default_factory=dict)
-    """Names of the values of an item that has states, or empty if it is a number."""
+    """The names of the values of an item that has states; empty for a number."""
 
     @property
     def name(self) -> str:
@@ -94,8 +94,8 @@ class MachineItem:
 
     @property
     def digits(self) -> int | None:
-        """Digits after the point: from the resolution, otherwise six significant digits of the greatest value, or None
-        if nothing gives them."""
+        """The number of digits after the point: from the resolution, otherwise from six significant digits of the
+        greatest value; None if neither is known."""
         if (digits := Described(self.about).digits) is not None:
             return min(digits, MAX_DIGITS)
         ends = [abs(end) for end in (self.minimum, self.maximum) if end is not None and isfinite(end)]
@@ -104,34 +104,34 @@ class MachineItem:
 
     @property
     def resolution(self) -> float:
-        """The change of its value for one bit, or 0 if its values are not on such a scale."""
+        """The change of the value for one bit; 0 if the values have no such scale."""
         return abs(float(Described(self.about).resolution or 0.0))
 
     @property
     def verb(self) -> Verb | None:
-        """The verb that sets it, or None if it is only read."""
+        """The verb that sets the item; None if it can only be read."""
         if self.kind is ItemKind.RUN:
             return MODE if self.path == MODE_ITEM else None
         return {ItemKind.ACTUATOR: WRITE, ItemKind.TUNABLE: TUNE}.get(self.kind)
 
     @property
     def writable(self) -> bool:
-        """True if it is an actuator or a tunable number."""
+        """True if the item is an actuator or a tunable number."""
         return self.verb is not None and self.kind is not ItemKind.RUN
 
 
 PLAIN = ("sensor", "actuator", "signal")
-"""Kinds of items that never share a path."""
+"""The kinds of items that never share a path."""
 
 
 @dataclass(frozen=True)
 class Declaration:
-    """The declaration of a running machine. It does not change from `begin` to `end`."""
+    """The declaration of a running machine. A declaration does not change from `begin` to `end`."""
 
     station: str
     wiring: str
     run: str
-    """Identifies the run on this computer: pid and start."""
+    """The pid and the start, which identify the run on this computer."""
     period: float
     """The period in s, or 0 if there is none."""
     started: float
@@ -154,7 +154,7 @@ class Declaration:
 
 
 def declaration_of(reader: RunReader) -> Declaration:
-    """The declaration of a run from its frames."""
+    """Return the declaration of a run from its frames."""
     layout, about = reader.layout, reader.about
     return Declaration(
         escaped(str(about["station"]), is_encodable),

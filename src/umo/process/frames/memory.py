@@ -1,8 +1,8 @@
 """Memory that processes share and that no process can truncate: memfds with seals (memfd_create(2), fcntl(2)).
 
-If another process truncates a mapped file, the reader is killed by SIGBUS. A sealed memfd cannot be truncated, so a
-process that has mapped one cannot crash because of that. Only the process that mapped the memory before it was sealed
-can write frames.
+If another process truncates a mapped file, SIGBUS kills the reader. A sealed memfd cannot be truncated, so a process
+that has mapped a sealed memfd cannot crash for this reason. Only the process that mapped the memory before it was
+sealed can write frames.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class RunDescriptors(NamedTuple):
     frames: int
     cells: int
     alive: int
-    """A pipe without data. The writer of the frames holds its writing end, and readers hold its reading end, so that it
-    hangs up when the writer has ended."""
+    """A pipe without data. The writer of the frames holds the writing end of the pipe, and readers hold the reading
+    end, so that the pipe hangs up when the writer has ended."""
 
     @classmethod
     def pair(cls) -> tuple[RunDescriptors, RunDescriptors]:
-        """Make empty memory, and return the descriptors for the writer and for readers. Raises FramesError if that
+        """Make empty memory, and return the descriptors for the writer and for readers. Raises FramesError if this
         fails."""
         if not hasattr(os, "memfd_create"):
             raise FramesError("frames can be published on Linux only; reading black boxes works everywhere")
@@ -73,8 +73,8 @@ class RunDescriptors(NamedTuple):
 
 def fill(file: int, head: bytes, size: int, *, private: bool) -> mmap.mmap:
     """Give empty memory its size and its initial content, and seal it. Return the writable mapping. `private`: from
-    then on no other process can write to it, if the kernel has this seal. Raises FramesError if there is not enough
-    memory. All pages are allocated before, which would otherwise slow the first lap of the ring.
+    then on no other process can write to the memory, if the kernel has this seal. Raises FramesError if there is not
+    enough memory. All pages are allocated now, because allocating them later would slow the first lap of the ring.
     """
     try:
         os.posix_fallocate(file, 0, size)

@@ -1,4 +1,5 @@
-"""Publishing the frames of a connected machine, and the last event of its run, with the reason of its end."""
+"""Functions that publish the frames of a connected machine and the last event of its run, with the reason of its
+end."""
 
 from __future__ import annotations
 
@@ -55,11 +56,11 @@ def published(
         with connection as m, umo.published(connection, "press"):
             ...
 
-    `umo show stations` and `umo show values press` then find it: a thread of this process answers them. `place` is the
-    station's folder, `options` are the options with which its machine was made, `job` the plain data to repeat the run.
-    With `ends`, the writer's descriptors of empty memory, this process only writes, and the process that made them
-    answers clients that look for the station. Raises FramesError if there is not enough memory, or if this connection
-    is already published.
+    `umo show stations` and `umo show values press` then find the machine: a thread of this process answers them.
+    `place` is the station's folder, `options` are the options with which the machine was made, `job` is the plain data
+    with which the run can be repeated. With `ends`, the writer's descriptors of empty memory, this process only writes,
+    and the process that made them answers clients that look for the station. Raises FramesError if there is not enough
+    memory, or if this connection is already published.
     """
     if connection.image.transfer.journal is not None:
         raise FramesError(f"{station} is already published; a connection can publish only one ring of frames")

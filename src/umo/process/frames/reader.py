@@ -1,4 +1,4 @@
-"""Reading the frames of a running station: copies of complete frames, and a count of lost frames."""
+"""The reader of the frames of a running station. It returns copies of complete frames, and counts lost frames."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ Entries = npt.NDArray[Any]
 
 
 LEASE_TRIES = 100
-"""Number of attempts to read the lease while it changes."""
+"""The number of attempts to read the lease while it changes."""
 MAX_COUNT = 1 << 62
 """The largest count of frames, entries or events that counts as valid."""
 
@@ -58,12 +58,13 @@ FRAME_HEAD = struct.Struct("<QQqd")
 
 
 class Reader(RunReader):
-    """Reads one ring, or a file that holds one (a black box), from its oldest frame on.
+    """The reader of one ring, or of a file that contains a ring (a black box), from the oldest frame on.
 
     `read` returns every new frame, `latest` the last one. If the reader is too slow, frames are overwritten before they
-    are read; `lost` counts them. `path` is the socket of a running station (`rings`) or a file; for passed memory
-    (`ends`, which the reader closes at its end) it is only a name. The memory of a run is sealed, and a file is read as
-    a whole. Whatever other processes do to them, the worst for a reader is a FramesError here, or fewer frames later.
+    are read; `lost` counts these frames. `path` is the socket of a running station (`rings`) or a file. For passed
+    memory (`ends`, which the reader closes at its end) `path` is only a name. The memory of a run is sealed, and a file
+    is read as a whole. Whatever other processes do to memory or file, the worst effect on a reader is a FramesError
+    here, or fewer frames later.
     """
 
     def __init__(self, path: Path | str, ends: RunDescriptors | None = None) -> None:
@@ -116,7 +117,7 @@ class Reader(RunReader):
         self._events: Entries = np.frombuffer(memory, EVENT_ROW, EVENTS, places.events)
 
     def again(self) -> Reader:
-        """Another reader of the same ring, from its oldest frame on."""
+        """Return another reader of the same ring, from its oldest frame on."""
         try:
             return Reader(self.path, None if self.ends is None else self.ends.again())
         except OSError as error:
@@ -167,7 +168,7 @@ class Reader(RunReader):
 
     @property
     def taken(self) -> int:
-        """Number of commands from outside that the machine has taken from its queue."""
+        """The number of commands from outside that the machine has taken from its queue."""
         return self._count(Live.TAKEN)
 
     @property
@@ -176,12 +177,12 @@ class Reader(RunReader):
         return self._count(Live.DROPPED)
 
     def tunables(self) -> dict[str, float]:
-        """The tunable numbers by path, each at most as many periods old as there are numbers."""
+        """Return the tunable numbers by path, each at most as many periods old as there are tunable numbers."""
         numbers = np.frombuffer(self._memory, "<f8", len(self.layout.tunables), self._places.tunables).tolist()
         return {entry["path"]: value for entry, value in zip(self.layout.tunables, numbers, strict=True)}
 
     def live_bytes(self, start: int, stop: int) -> bytes:
-        """The live numbers as stored in the ring."""
+        """Return the live numbers as stored in the ring."""
         return self._memory[start:stop]
 
     def told_bytes(self) -> bytes:
@@ -219,7 +220,7 @@ class Reader(RunReader):
         return self._copy(max(0, head - min(count, self.slots)), head)
 
     def frame_bytes(self, number: int) -> bytes | None:
-        """The bytes of a frame in the ring, or None if it was overwritten, or is incomplete."""
+        """Return the bytes of a frame in the ring, or None if the frame was overwritten or is incomplete."""
         size, content, quality, count = self._sizes
         at = self._places.first + number % self.slots * size
         data = self._memory[at : at + size]
@@ -241,7 +242,8 @@ class Reader(RunReader):
     # The journal ---------------------------------------------------------------------------------------
 
     def journal(self, frame: Any) -> Entries | None:
-        """The journal of a frame's period: transfers of single objects, in order; None if it was overwritten."""
+        """Return the journal of a frame's period, which has the transfers of single objects in order; None if it was
+        overwritten."""
         first, count = int(frame["journal"]), int(frame["entries"])
         start, entries = self.entries(first, first + count)
         torn = self._checked and count and zlib.crc32(entries.tobytes()) != frame["entries_checksum"]
@@ -249,7 +251,7 @@ class Reader(RunReader):
 
     def entries_of(self, frames: Frames) -> tuple[int, Entries]:
         """Return the entries of consecutive frames that are still complete, and the number of the first of them.
-        Entries before an incomplete one are left out."""
+        Entries before an incomplete entry are left out."""
         last = frames[-1]
         there, entries = self.entries(int(frames["journal"][0]), int(last["journal"]) + int(last["entries"]))
         first = there

@@ -1,4 +1,4 @@
-"""Publishing: the writing end of a ring. Readers can neither block nor slow it."""
+"""The writing end of a ring, which publishes frames. Readers can neither block it nor make it slower."""
 
 from __future__ import annotations
 
@@ -50,25 +50,26 @@ MIN_SLOTS = 16
 ENTRY_BYTES = ENTRY.itemsize
 MAX_INTEGER = (1 << 63) - 1
 COUNTER_PERIODS = 32
-"""Number of periods after which the counters of the system are always read, which takes as long as the rest of a
-frame."""
+"""The number of periods after which the counters of the system are always read. Reading them takes as long as writing
+all other data of a frame."""
 UTC_PAUSE = 1_000_000_000
 """Time in ns after which UTC is compared with the monotonic clock again."""
 COLLECTIONS = [name for name, *_ in USAGE].index("collections")
 LATE_SHARE = 0.5
-"""Share of the period that waking up and execution take, above which the counters are read."""
+"""The share of the period above which the counters are read if waking up and execution take it."""
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
-"""True if stores become visible in program order: so that a sequence counter is sufficient."""
+"""True if stores become visible in program order, so that a sequence counter is sufficient."""
 BODY = 16
 """Offset of the body in a frame."""
 
 
 Write = Callable[[int, int, float, int, int, int, int, bytes, list[int], list[float]], None]
-"""Writes one body, as `_Packed.write`."""
+"""The function that writes one body, like `_Packed.write`."""
 
 
 def writer(image: Image, layout: Layout, file: mmap) -> Write:
-    """Return the quickest function for writing. It may hold the file's memory as long as it exists."""
+    """Return the quickest function for writing. The function may hold the file's memory as long as the function
+    exists."""
     shown = image.columns.shown
     if conversion.extension is not None:
         write: Write = conversion.extension.Body(file, shown, layout.content - BODY).write
@@ -106,8 +107,8 @@ class _Packed:
 class Ring:
     """An observer that publishes every frame, in memory that no other process can write or truncate.
 
-    The constructor reserves the memory. Raises FramesError if there is not enough. `ends` are the writer's descriptors
-    of empty memory. Call `close` at the end.
+    The constructor reserves the memory. Raises FramesError if there is not enough memory. `ends` are the writer's
+    descriptors of empty memory. Call `close` at the end.
     """
 
     def __init__(
@@ -123,11 +124,11 @@ class Ring:
         self.image = image = machine.image
         self._machine = machine
         self._attached = 0
-        """Number of the capabilities that were there when it looked for one that takes commands."""
+        """The number of capabilities at the time of the last search for one that takes commands."""
         self._clients: Commanding | None = None
         self._events = machine.events
         self._told = 0
-        """Events that were published."""
+        """The number of events that were published."""
         self._tunables = tunables
         self._tunable_at = {tunable.path: number for number, tunable in enumerate(tunables)}
         self.phases = phases
@@ -143,7 +144,8 @@ class Ring:
         self.slots = max(min(MAX_BYTES // self.slot_bytes, MAX_SLOTS), MIN_SLOTS)
         capacity = CAPACITY + len(image.items)
         self.journal_entries = max(2 * capacity, self.slots * len(image.items))
-        """Capacity of the journal: the entries of every frame that is kept, even if all objects fail for long."""
+        """The capacity of the journal: enough for the entries of every frame that is kept, even if all objects fail for
+        a long time."""
         head, places = arrange(layout, self.slots, self.journal_entries, CHECKSUM if checksum else 0)
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
         self._events_at, self._tunables_at = places.events, places.tunables

@@ -17,8 +17,8 @@ MIN_SLOTS = 16
 
 
 class RingCopy:
-    """`ends`: the writer's descriptors of empty memory. Raises FramesError if there is not enough. It has no
-    journal."""
+    """A copy of a ring, without a journal. `ends`: the writer's descriptors of empty memory. Raises FramesError if
+    there is not enough memory."""
 
     def __init__(self, layout: Layout, ends: RunDescriptors) -> None:
         self.layout = layout
@@ -36,7 +36,7 @@ class RingCopy:
         self._frames = 0
 
     def frame(self, frame: bytes) -> None:
-        """Add a frame: `Layout.dtype` without its `sequence`."""
+        """Add a frame. Its data have the type `Layout.dtype` without `sequence`."""
         number, words = self._frames, self._words
         at = self._places.first + number % self.slots * self._size
         words[at >> 3] = 2 * number + 1
@@ -51,12 +51,12 @@ class RingCopy:
             self._words[place] = number
 
     def lease(self, number: int, holder: bytes) -> None:
-        """Set the number of the lease and its holder. A number below 0 means unknown, and counts as if nobody had the
-        lease."""
+        """Set the number of the lease and its holder. A number below 0 means that the lease is not known; this counts
+        as if nobody had it."""
         self._lease.put(max(number, 0), holder[:NAME])
 
     def tunables(self, numbers: bytes) -> None:
-        """Set the tunable numbers, each `<f8`."""
+        """Set the tunable numbers, each of type `<f8`."""
         at = self._places.tunables
         if len(numbers) == self._places.size - at:
             self._map[at : self._places.size] = numbers

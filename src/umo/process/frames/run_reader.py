@@ -1,7 +1,7 @@
-"""The reader of a run, whatever its source: a run of this computer or of another, a recording, a replay.
+"""The reader of a run, whatever its source: a run on this or another computer, a recording, or a replay.
 
-A source implements the eight abstract functions of `RunReader`; all others follow from them.
-`umo.process.frames.reader.Reader` reads the ring of a run, or of the mirror of one;
+A source implements the eight abstract functions of `RunReader`; all other functions use these.
+`umo.process.frames.reader.Reader` reads the ring of a run, or of the mirror of a run;
 `umo.process.frames.shown_run.ShownRun` shows frames of a recording or a replay.
 """
 
@@ -41,7 +41,7 @@ from umo.wiring.patterns import chosen
 Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""
 SILENCE = 1.0
-"""Time in s without a frame, and at least 10 periods, after which a running station counts as silent."""
+"""The time in s without a frame after which a running station counts as silent, if it is also at least 10 periods."""
 
 
 class NumberedEvent(NamedTuple):
@@ -55,9 +55,9 @@ class RunNow(NamedTuple):
     """The data of a run in addition to its frames."""
 
     mode: Mode | None = None
-    """Mode of the machine; None if it takes no commands from outside."""
+    """The mode of the machine; None if the machine takes no commands from outside."""
     lease: int = 0
-    """The number of the last lease; -1 if its writer was killed while writing it."""
+    """The number of the last lease; -1 if the writer was killed while it wrote the lease."""
     holder: str = ""
     """Name of the holder of the lease; "" if nobody has it."""
     missed: int = 0
@@ -69,10 +69,10 @@ class RunNow(NamedTuple):
 
 
 class RunReader(ABC):
-    """Reads one run."""
+    """The base of readers of one run."""
 
     path: Path
-    """The socket or file from which it is read, or only a name."""
+    """The socket or file from which the run is read, or only a name."""
     layout: Layout
     """The description, which does not change during the run: facts (`about`), objects, signals, alarms, actions."""
     lost = 0
@@ -84,7 +84,7 @@ class RunReader(ABC):
     @property
     @abstractmethod
     def state(self) -> Stage:
-        """The stage of the run; also ENDED if its processes no longer exist."""
+        """The stage of the run. It is ENDED also if the processes of the run no longer exist."""
 
     @abstractmethod
     def now(self) -> RunNow:
@@ -92,11 +92,11 @@ class RunReader(ABC):
 
     @abstractmethod
     def tunables(self) -> dict[str, float]:
-        """The tunable numbers by path."""
+        """Return the tunable numbers by path."""
 
     @abstractmethod
     def latest(self) -> Any | None:
-        """The last finished frame, or None if there is none."""
+        """Return the last finished frame, or None if there is none."""
 
     @abstractmethod
     def read(self, most: int | None = None) -> Frames:
@@ -108,14 +108,15 @@ class RunReader(ABC):
 
     @abstractmethod
     def again(self) -> Self:
-        """Another reader of the same run."""
+        """Return another reader of the same run."""
 
     @abstractmethod
     def close(self) -> None: ...
 
     def occurrences(self) -> list[tuple[float, float, float]]:
-        """For each alarm the number of times that it was raised in this run, and the first and last time, in s on the
-        cycle's clock. All are 0 where this is not known: in recordings, and for stations of other computers."""
+        """Return for each alarm the number of times that it was raised in this run, and the first and last time in s on
+        the cycle's clock. All numbers are 0 if they are not known: in recordings, and for stations on other
+        computers."""
         return [(0.0, 0.0, 0.0)] * len(self.layout.alarms)
 
     # Derived functions --------------------------------------------------------------------------------------
@@ -140,7 +141,7 @@ class RunReader(ABC):
         return {entry["path"]: i for i, entry in enumerate(self.layout.objects)}
 
     def tuned(self) -> dict[str, float]:
-        """The tunable numbers that differ from their values at the start of the run, by path."""
+        """Return the tunable numbers that differ from their values at the start of the run, by path."""
         start = {entry["path"]: entry.get("start") for entry in self.layout.tunables}
         return {path: value for path, value in self.tunables().items() if isfinite(value) and value != start[path]}
 
@@ -150,7 +151,7 @@ class RunReader(ABC):
         return [entry["path"] for entry in self.layout.signals if "kept" in entry]
 
     def index(self, path: str) -> int:
-        """The index of an object in a frame's `values`; PathError with the nearest path otherwise."""
+        """Return the index of an object in a frame's `values`; raises PathError with the nearest path otherwise."""
         if path not in self._index:
             raise PathError(
                 f"there is no object {path!r}{did_you_mean(path, self._index)} in {self.about.get('station')}"
@@ -163,13 +164,15 @@ class RunReader(ABC):
         return [each for group in self.layout.described for each in group]
 
     def values(self, frame: Any) -> dict[str, float | str]:
-        """The value of every object by path: a number in its unit, or the name of a state; NaN if it was never read."""
+        """Return the value of every object by path: a number in its unit, or the name of a state; NaN if it was never
+        read."""
         numbers = frame["values"].tolist()
         objects = self.layout.described.objects
         return {each.path: each.value(value) for each, value in zip(objects, numbers, strict=True)}
 
     def inhibited(self, frame: Any, number: int) -> str | None:
-        """Return why only the default of an object could be sent, or the client that had taken it, or None."""
+        """Return the reason why only the default of an object could be sent, or the client that had taken the object,
+        or None."""
         state = int(frame["restrictions"][number])
         if state in (FREE, ASKED):
             return None
@@ -178,7 +181,7 @@ class RunReader(ABC):
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
     def claims(self, frame: Any, faults: Mapping[str, str]) -> dict[int, Claim]:
-        """Return the claims at a frame on the actuators that the program did not drive. `faults`: those of the
+        """Return the claims at a frame on the actuators that the program did not drive. `faults`: the faults at the
         frame."""
         restrictions = frame["restrictions"]
         numbers = np.flatnonzero((restrictions != FREE) & (restrictions != ASKED)).tolist()
@@ -198,12 +201,12 @@ class RunReader(ABC):
         return Claim(Rank.FAULT if in_fault else Rank.INTERLOCK, reason)
 
     def is_taken(self, path: str) -> bool:
-        """True if a client has taken the actuator at a path, by the newest frame; False for any other path."""
+        """Return True if a client has taken the actuator at a path, by the newest frame; False for any other path."""
         number, frame = self._index.get(path), self.latest()
         return number is not None and frame is not None and int(frame["restrictions"][number]) == TAKEN_BY_CLIENT
 
     def faults(self, frame: Any) -> dict[str, str]:
-        """The equipment in fault at a frame, by path, with the reason as long as its event is kept."""
+        """Return the equipment in fault at a frame, by path, with the reason as long as its event is kept."""
         if frame is None or not frame["equipment"].any():
             return {}
         events = (each.event for each in self.events() if each.event.asked == FAULT)
@@ -213,15 +216,15 @@ class RunReader(ABC):
         return {path: told.get(path, "its reason is no longer kept") for path in paths}
 
     def alarms(self, frame: Any, raised: bool = False, every: bool = False) -> list[AlarmRow]:
-        """The alarms that are not normal at a frame: unacknowledged ones first, then by priority. `raised`: also those
-        that are normal and were raised in this run, if this is known (`occurrences`). `every`: all alarms."""
+        """Return the alarms that are not normal at a frame: unacknowledged ones first, then by priority. `raised`: also
+        those that are normal and were raised in this run, if this is known (`occurrences`). `every`: all alarms."""
         if frame is None or not (raised or every or frame["alarms"].any()):
             return []
         events = (each.event for each in self.events())
         return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.occurrences(), raised, every)
 
     def unit_states(self, frame: Any) -> dict[str, str]:
-        """The states of parts at a frame (`umo.operation`), by the paths of their state machines."""
+        """Return the states of parts at a frame (`umo.operation`), by the paths of their state machines."""
         if frame is None or not self.layout.units:
             return {}
         signals = self.layout.described.signals
@@ -234,8 +237,8 @@ class RunReader(ABC):
 
     @property
     def lasted(self) -> float | None:
-        """Time in s of this computer's monotonic clock since the run was connected; None if it runs, or ran, elsewhere,
-        or before the computer was started."""
+        """The time in s on this computer's monotonic clock since the run was connected; None if the run is, or was, on
+        another computer, or began before this computer was started."""
         begun = self.about.get("started_monotonic")
         passed = None if begun is None or "site" in self.about else (time.monotonic_ns() - int(begun)) * 1e-9
         return None if passed is None or passed < 0 else passed
@@ -245,7 +248,8 @@ class RunReader(ABC):
         return title(self.about["station"], self.about.get("wiring"))
 
     def facts(self, frame: Any) -> dict[str, str]:
-        """Facts of the run at a frame (None if there is none yet), by name, in the order in which they are shown."""
+        """Return the facts of the run at a frame (None if there is no frame yet), by name, in the order in which they
+        are shown."""
         state, period = self.state, self.about.get("period") or None
         moment = None if frame is None else float(frame["time"])
         now, driven = self.now(), self.driven(frame)
@@ -270,8 +274,8 @@ class RunReader(ABC):
         return facts | {"kept because": self.about.get("reason", "")}
 
     def driven(self, frame: Any) -> str:
-        """The actuators that are away from their defaults in manual mode, and why, or "" if there is none or the mode
-        is not manual."""
+        """Return the actuators that are not at their defaults in manual mode, and the reasons; "" if there are none or
+        the mode is not manual."""
         if frame is None or (now := self.now()).mode is not Mode.MANUAL:
             return ""
         taken = (frame["restrictions"] == TAKEN_BY_CLIENT).tolist()
@@ -279,7 +283,8 @@ class RunReader(ABC):
         return driven_text(zip(objects, frame["values"].tolist(), taken, strict=True), now.holder)
 
     def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
-        """Objects, signals, tunable numbers at a frame (None for rows without values), or those at these places."""
+        """Return rows of the objects, signals and tunable numbers at a frame (None for rows without values), or only
+        the rows with these indices."""
         numbers = self.tunables()
         return [self._row(frame, place, numbers) for place in (range(len(self._known)) if places is None else places)]
 
@@ -297,8 +302,8 @@ class RunReader(ABC):
         return TableRow(about, float(value), int(quality), int(raw), note)
 
     def html(self, wanted: Sequence[str] = (), more: Mapping[str, str] = MappingProxyType({})) -> str:
-        """Return a table of the last frame, with all values, or those at paths and patterns. `more`: facts for the
-        heading."""
+        """Return a table of the last frame, with all values or with those at the given paths and patterns. `more`:
+        facts for the heading."""
         if self.closed:
             raise FramesError(f"{self.title} is detached")
         frame = self.latest()
@@ -311,7 +316,7 @@ class RunReader(ABC):
 
     @property
     def end(self) -> Event | None:
-        """Return the last event of a run that has ended, or None if it was killed."""
+        """The last event of a run that has ended; None if the run was killed."""
         return next((each.event for each in reversed(self.events()) if each.event.is_end), None)
 
     def __enter__(self) -> Self:
@@ -322,7 +327,7 @@ class RunReader(ABC):
 
 
 def progress_of(frame: Any) -> Progress:
-    """The last progress of the machine; none without a frame."""
+    """Return the last progress of the machine; an empty progress without a frame."""
     if frame is None:
         return Progress()
     return Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))

@@ -1,4 +1,4 @@
-"""The stations that run now: their frames, by name or pid."""
+"""The search for the frames of stations that run now, by name or pid."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from umo.system.packages import how_to_install, registered
 from umo.text import did_you_mean
 
 FINDERS = "umo.finders"
-"""Entry points that find the frames of stations elsewhere: each takes a name, and returns a `Reader`, or None if the
-name is not of its kind."""
+"""The group of entry points that find the frames of stations on other computers. Each takes a name, and returns a
+`Reader`, or None if it does not know names of this kind."""
 
 
 def frames_at(path: Path) -> Reader:
@@ -38,7 +38,7 @@ def _check(about: Mapping[str, Any]) -> None:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Raise any error of reading a damaged file as FramesError."""
+    """Return a context that raises any error of reading a damaged file as FramesError."""
     try:
         yield
     except UmoError:
@@ -50,8 +50,8 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def find_running(name: str | None, said: Callable[[str], object] = lambda text: None) -> Reader:
-    """The frames of one running station, by name, folder or pid (`meant_by`); FramesError lists those that run. `said`
-    is called for a ring that cannot be read while others can."""
+    """Return the frames of one running station, by name, folder or pid (`meant_by`). Raises FramesError, which lists
+    the running stations. `said` is called for a ring that cannot be read while others can be read."""
     if name is not None and (elsewhere := find_elsewhere(name)) is not None:
         return elsewhere
     unread: list[str] = []
@@ -94,9 +94,9 @@ def find_elsewhere(name: str) -> Reader | None:
 
 
 def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
-    """Return the runs that a name means, for all commands and for `umo.attach`: the run with this pid; otherwise the
-    runs of the station in this folder; otherwise, unless the name is a path, the runs of stations with this name in any
-    folder."""
+    """Return the runs that a name means; all commands and `umo.attach` use this function. A name means the run with
+    this pid, or else the runs of the station in this folder, or else, unless the name is a path, the runs of stations
+    with this name in any folder."""
     if name.isdigit() and not os.path.isdir(name):
         return [reader for reader in found if str(reader.about["pid"]) == name]
     place = real_path(name)
@@ -107,18 +107,18 @@ def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
 
 
 def is_path(name: str) -> bool:
-    """True if a name can only be that of a folder: `.`, `./tank`, `/srv/tank`."""
+    """Return True if a name can only be the name of a folder: `.`, `./tank`, `/srv/tank`."""
     return name in (os.curdir, os.pardir) or any(each in name for each in (os.sep, os.altsep) if each)
 
 
 def several_runs(name: str, fitting: Sequence[Reader]) -> str:
-    """Return the message that a name does not identify one run, with the names that do."""
+    """Return the message that a name does not identify a single run, with the names that do."""
     pids = ", ".join(str(reader.about["pid"]) for reader in fitting)
     return f"{len(fitting)} runs of {name} are going on; give the pid of one instead of the name: {pids}"
 
 
 def station_name(text: str) -> str:
-    """The name of a station in a folder, even if that is a broken link."""
+    """Return the name of a station in a folder, even if the folder is a broken link."""
     return os.path.basename(real_path(text))
 
 
@@ -131,7 +131,7 @@ def real_path(text: str) -> str:
 
 
 def readers(said: Callable[[str], object] = lambda text: None) -> list[Reader]:
-    """Return one reader for each active run; `said` is called with one that cannot be read."""
+    """Return a reader for each active run. `said` is called with a run that cannot be read."""
     found = []
     for path in rings():
         try:

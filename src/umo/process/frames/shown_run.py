@@ -28,7 +28,7 @@ class ShownRun(RunReader):
         self._unread = 0
 
     def show(self, frame: Frames, now: RunNow, tunables: Sequence[float], events: Sequence[NumberedEvent]) -> None:
-        """Show an array of one frame. `events`: those of the run up to now, in the order of their numbers."""
+        """Show an array of one frame. `events`: the events of the run up to now, in the order of their numbers."""
         self._shown, self._unread = frame.copy(), 1
         self._now, self._numbers, self._told = now, tunables, events[-EVENTS:]
 
@@ -46,7 +46,8 @@ class ShownRun(RunReader):
         return self._shown[-1] if len(self._shown) else None
 
     def read(self, most: int | None = None) -> Frames:
-        """Return the shown frame, if it was not read yet; frames shown between two calls are not read."""
+        """Return the shown frame, if it was not read yet. Frames that were replaced between two calls are not
+        returned."""
         count = self._unread if most is None else min(most, self._unread)
         self._unread -= count
         return self._shown[:count]

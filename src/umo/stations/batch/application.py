@@ -13,7 +13,7 @@ from .control import BatchPlant, Making, Reactor
 from .errors import BatchesLost
 
 USUAL: Sequence[Name] = ("glue", "soap")
-"""The recipes that are made where none is given."""
+"""The recipes that are made if none is given."""
 ENDED = (ProcedureState.COMPLETE, ProcedureState.STOPPED, ProcedureState.ABORTED)
 """The states in which a reactor makes no batch until it is reset."""
 
@@ -22,14 +22,15 @@ async def main(m: BatchPlant, recipe: Sequence[Name] = (), batches: int = 2, pat
     """Make batches. Each reactor takes the recipes in turn; the second one begins with the second recipe.
 
     Options:
-        recipe: one or several, in the order in which they are made; they replace what a client chose in an earlier
-            run. Default: glue, then soap, or what a client chose.
-        batches: number of batches of each reactor.
-        patience: time in which a fault must be cleared, s; then the batches of this reactor are not made.
+        recipe: one or several recipes, in the order in which they are made; they replace the recipe that a client chose
+            in an earlier run. Default: glue, then soap, or the recipe that a client chose.
+        batches: the number of batches of each reactor.
+        patience: the time in s within which a fault must be cleared; otherwise the batches of this reactor are not
+            made.
 
     A batch that a fault has interrupted is dumped and made again when the fault is cleared; a batch that an operator
-    has stopped is made again when the operator resets the reactor. BatchesLost at the end if a fault was not cleared in
-    time.
+    has stopped is made again when the operator resets the reactor. Raises BatchesLost at the end if a fault was not
+    cleared in time.
     """
     m.book.begin()
     if recipe:
@@ -52,7 +53,7 @@ async def main(m: BatchPlant, recipe: Sequence[Name] = (), batches: int = 2, pat
 async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: float, done: Counter[str]) -> str:
     """Make the batches of one reactor, by the plan or by the choice of a client, and count them.
 
-    Returns why some were not made; empty if all were."""
+    Return the reason why some batches were not made; empty if all were made."""
     for number, planned in enumerate(plan):
         recipe = m.book.next(planned)
         reactor.unit.take(recipe, m.book.begun)
@@ -67,7 +68,7 @@ async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: floa
 
 
 async def made(unit: Making) -> bool:
-    """Make one batch; False if the reactor failed, or was stopped."""
+    """Make one batch. Return False if the reactor failed or was stopped."""
     if unit.state is ProcedureState.IDLE:  # or an operator was quicker
         unit.start()
     await until(lambda: unit.state in ENDED)
@@ -78,8 +79,8 @@ async def made(unit: Making) -> bool:
 
 
 async def ready(unit: Making, patience: float) -> None:
-    """Wait until the reactor can be started again. After a fault that is when the fault is cleared; after a stop by an
-    operator, when the operator resets it. TimeExpired after `patience`."""
+    """Wait until the reactor can be started again. After a fault this is when the fault is cleared; after a stop by an
+    operator, when the operator resets the reactor. Raises TimeExpired after `patience`."""
     failed = unit.state is ProcedureState.ABORTED
     await until(lambda: unit.state is not ProcedureState.ABORTED, timeout=patience)
     if failed and unit.state is ProcedureState.STOPPED:

@@ -15,9 +15,9 @@ class BatchRecipe(Recipe):
     """A recipe of a batch: materials and steps."""
 
     amounts: Annotated[tuple[float, float], Number("kg", 5.0, 60.0)]
-    """Amounts of the raw materials A and B, kg."""
+    """The amounts of the raw materials A and B, kg."""
     temperature: Annotated[float, Number("degC", 20.0, 95.0)]
-    """degC."""
+    """The temperature of the batch, degC."""
     hold: Annotated[float, Number("s", 0.0, 3600.0)]
     """Time for which the batch is kept at its temperature, s."""
     stirring: Annotated[float, Number("rpm", 0.0, 150.0)]
@@ -25,9 +25,10 @@ class BatchRecipe(Recipe):
 
 
 BOOK = read_recipes(BatchRecipe, FOLDER)
-"""All recipes, by name: those by which the plant judges a batch."""
+"""All recipes by name. The plant judges a batch by them."""
 AMOUNT_TOLERANCE, TEMPERATURE_TOLERANCE, STIRRING_TOLERANCE = 0.5, 2.0, 5.0
-"""Deviations that a good batch may have: of each amount in kg, while it is held in K and rpm."""
+"""The deviations that a good batch may have: of each amount, in kg; and, while the batch is held, of the temperature in
+K and of the speed in rpm."""
 
 
 def in_words(counts: Mapping[str, int]) -> str:

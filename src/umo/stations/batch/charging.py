@@ -18,7 +18,7 @@ MATERIALS = "AB"
 
 class ChargingLine(Compound, equipment=True, max_period="200 ms"):
     """A hopper on a scale. It has an inlet for each raw material, an outlet to each reactor, and one to the waste. One
-    reactor uses it at a time, and holds `lock` during that.
+    reactor at a time uses the line, and holds `lock` meanwhile.
     """
 
     inlets: Sequence[Valve]
@@ -28,7 +28,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
     tolerance: Annotated[float, Number("kg", 0.05, 5.0, tunable=True)] = 0.4
     """Largest deviation of a weighed amount, kg."""
     overrun: Annotated[float, Number("kg", 0.0, 5.0)] = 0.7
-    """Initial amount in kg that still flows after an inlet is closed; the line learns the actual one."""
+    """Initial amount in kg that still flows after an inlet is closed; the line learns the actual amount."""
     capacity: float = 100.0
     """Load from which on the inlets are inhibited, kg."""
     empty: float = 0.3
@@ -93,7 +93,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
 
 
 async def held_open(valve: Valve) -> None:
-    """Keep a valve open until this is cancelled."""
+    """Keep a valve open until this sequence is cancelled."""
     try:
         while True:
             valve.write(OPEN)

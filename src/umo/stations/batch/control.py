@@ -1,6 +1,7 @@
 """The control of the batch plant: a reactor makes batches, the charging line weighs their raw materials (charging.py).
-Each is equipment, and fails alone. The work for a reactor in the charging line is a sequence of the line, which the
-reactor awaits. If the line fails, both the line and the reactor whose batch is interrupted are in fault.
+Each reactor and the line are equipment and fail alone. The work of the charging line for a reactor is a sequence of the
+line, which the reactor awaits. If the line fails, both the line and the reactor whose batch is interrupted are in
+fault.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from .charging import CLOSED, OPEN, ChargingLine, Valve, held_open
 from .errors import ChargingError, DrainingError, TemperatureError
 
 WAITING = "waiting for the scale"
-"""Phase of a reactor while the other one, or a fault, has the charging line."""
+"""The phase of a reactor while the other reactor uses the charging line, or the line is in fault."""
 
 __all__ = ["BatchPlant", "ChargingLine", "Making", "Reactor"]
 
 
 class Making(Procedure):
-    """Makes a batch of its recipe at each start. While it is paused or held, the reactor keeps its temperature, the
-    valves are closed, and the charging line waits if it works for this reactor."""
+    """The states of a reactor, which makes a batch of its recipe at each start. While it is paused or held, the reactor
+    keeps its temperature, the valves are closed, and the charging line waits if it works for this reactor."""
 
     numbers: ClassVar[Mapping[str, Number]] = {
         **Procedure.numbers,
@@ -38,7 +39,7 @@ class Making(Procedure):
     line: ChargingLine
     recipe: BatchRecipe
     making = 0
-    """The number of its recipe (`RecipeBook.number_of`), or 0 if it has made nothing."""
+    """The number of the reactor's recipe (`RecipeBook.number_of`); 0 if the reactor has made nothing."""
 
     def take(self, recipe: BatchRecipe, number: int) -> None:
         """Make the next batch by this recipe, which has this number."""
@@ -88,11 +89,12 @@ class Reactor(
     integral_time: float = 200.0
     """Integral time of the heater's PI, s."""
     tolerance: Annotated[float, Number("K", 0.2, 2.0, tunable=True)] = 1.0
-    """Distance from the temperature of the recipe within which the time counts, K."""
+    """The largest distance from the temperature of the recipe at which the holding time counts, K."""
     heating_time: Annotated[float, Number("s", 60.0, 3600.0, tunable=True)] = 400.0
-    """Time in which a batch must come to its temperature, s."""
+    """The time within which a batch must reach its temperature, s."""
     rise_time: Annotated[float, Number("s", 10.0, 600.0)] = 60.0
-    """Time in which the temperature must rise by `least_rise` while it is further below its setpoint, s."""
+    """The time within which the temperature must rise by `least_rise` while it is below its setpoint by more than this,
+    s."""
     least_rise: Annotated[float, Number("K", 0.5, 20.0)] = 5.0
     """Rise of the temperature in `rise_time` that shows that the reactor is heated and its temperature measured, K."""
     line_time: Annotated[float, Number("s", 0.0, 36_000.0)] = 600.0
@@ -163,7 +165,7 @@ class Reactor(
 
     async def produce(self, recipe: BatchRecipe, line: ChargingLine) -> None:
         """Make one batch. The remains of a batch that failed are drained first. A batch that failed while it was
-        drained counts as made when this is done."""
+        drained counts as made when the draining is done."""
         try:
             if value_of(self.level) > self.empty and not self._ready:
                 self.unit.rejected += 1
@@ -186,7 +188,8 @@ class Reactor(
         self.stirrer.write(0.0)
 
     def close_valves(self, line: ChargingLine) -> None:
-        """Close all valves because the batch is held; also in the charging line, if it works for this reactor."""
+        """Close all valves because the batch is held, including the valves of the charging line if it works for this
+        reactor."""
         in_line = () if self.in_line is None else (*line.inlets, *line.outlets, line.waste)
         for valve in (self.feed, self.drain, *in_line):
             valve.write(CLOSED)

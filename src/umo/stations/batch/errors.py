@@ -1,4 +1,4 @@
-"""Errors of the batch plant, besides those of its devices.
+"""The errors of the batch plant, other than those of its devices.
 
 TaskFailed
 |-- ChargingError       the charging line does not fill, weigh or empty its hopper as it should

@@ -15,7 +15,7 @@ KEPT: Any = {"max_age": "1 s"}
 
 
 def machine() -> BatchPlant:
-    """Two reactors, and a hopper on a scale for two raw materials."""
+    """Return the machine: two reactors, and a hopper on a scale for two raw materials."""
     return BatchPlant(
         reactors=[reactor() for _ in range(REACTORS)],
         line=ChargingLine(

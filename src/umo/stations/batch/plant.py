@@ -52,7 +52,7 @@ MAX_STEP = 0.1
 
 
 class Plant(Driver, Reports):
-    """The batch plant, simulated. Opened again, it is as full and as warm as it was.
+    """The batch plant, simulated. When the plant is opened again, it is as full and as warm as before.
 
     Options:
         seed: decides the spread of flows and heaters, and the noise.
@@ -163,8 +163,8 @@ class Plant(Driver, Reports):
     # Truth, for tests and observers -------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
-        """Return a report on the batches that left the reactors: how many were good, and of which recipe, and how many
-        were not; the largest deviation of an amount in a good one; the amount of waste."""
+        """Return a report on the batches that left the reactors: the number of good batches by recipe, the number of
+        other batches, the largest deviation of an amount in a good batch, and the amount of waste."""
         return {
             "batches_good": len(self.good),
             "good": in_words(Counter(recipe.name for _, recipe in self.good)),

@@ -14,11 +14,12 @@ GREEN, AMBER = "#2ea043", "#f0a020"
 WARMTH: Mapping[float, str] = {20: "#3f7fc4", 40: "#8a6fb0", 60: "#d1602f", 80: "#e5342b"}
 """Colours of a reactor's content by its temperature, degC."""
 BASE, HEIGHT, RADIUS = 0.9, 0.8, 0.32
-"""A reactor: height of its base, height and radius of the vessel above, m. 150 l fill the vessel."""
+"""The measures of a reactor in m: height of its base, height and radius of the vessel above it. 150 l fill the
+vessel."""
 LITRE = HEIGHT / 150.0
 """Rise of the content for a litre, m."""
 HOPPER, HOPPER_HEIGHT, KILOGRAM = 2.8, 0.4, 0.4 / 100.0
-"""The hopper: height of its bottom, and height, m; rise of its load for a kg, m."""
+"""The measures of the hopper in m: height of its bottom, its height, and the rise of its load for a kg."""
 DISTANCE = 1.1
 """Distance of the reactors from the middle, m."""
 

@@ -10,7 +10,8 @@ from .batch_recipes import AMOUNT_TOLERANCE, BOOK, STIRRING_TOLERANCE, TEMPERATU
 
 MATERIALS = 2
 POWER, LOSS, HEAT, WALL, AMBIENCE = 120.0, 0.2, 4.0, 20.0, 20.0
-"""Heater, kW; loss to the ambience, kW/K; heat capacity of a kg of material and of the vessel, kJ/K; ambience, degC."""
+"""The power of the heater in kW, the loss to the surroundings in kW/K, the heat capacity of a kg of material and that
+of the vessel in kJ/K, and the temperature of the surroundings in degC."""
 DENSITIES = (1.0, 0.9)
 """Densities of the raw materials, kg/l."""
 VALVE_LAG, STIRRER_LAG, HEATER_LAG, THERMOMETER_LAG = 0.15, 1.0, 8.0, 4.0
@@ -36,19 +37,19 @@ class Vessel:
     feed: float = 0.0  # of the valves, 0 (closed) to 1 (open)
     drain: float = 0.0
     charged: list[float] = field(default_factory=lambda: [0.0] * MATERIALS)
-    """Amounts that came in since the vessel was empty, kg."""
+    """The amounts that have come in since the vessel was empty, kg."""
     held: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
-    """Longest time at the temperature and speed of each recipe since it was empty, s."""
+    """The longest time at the temperature and speed of each recipe since the vessel was empty, s."""
     holding: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
 
     @property
     def content(self) -> float:
-        """Mass of its content, kg."""
+        """The mass of the content, kg."""
         return self.amounts[0] + self.amounts[1]
 
     @property
     def volume(self) -> float:
-        """Volume of its content, l."""
+        """The volume of the content, l."""
         return self.amounts[0] / DENSITIES[0] + self.amounts[1] / DENSITIES[1]
 
     def move(self, *, feed: int, drain: int, stirrer: float, heater: float, dt: float) -> None:
@@ -70,7 +71,7 @@ class Vessel:
         self.temperature = AMBIENCE + (self.temperature - AMBIENCE) * before / after
 
     def warm(self, dt: float) -> None:
-        """Compute the heat balance for a time in s, which counts for the recipes with the present temperature and
+        """Compute the heat balance for a time in s. This time counts for the recipes with the present temperature and
         speed."""
         flow = self.heat - LOSS * (self.temperature - AMBIENCE)
         self.temperature += flow * dt / (WALL + HEAT * self.content)
@@ -93,14 +94,14 @@ class Vessel:
         return had >= TRACE > self.content
 
     def made(self) -> BatchRecipe | None:
-        """The recipe for which its content is a good batch."""
+        """Return the recipe for which the content is a good batch."""
         for recipe in BOOK.values():
             if self.deviation(recipe) <= AMOUNT_TOLERANCE and self.held[recipe.name] >= recipe.hold:
                 return recipe
         return None
 
     def deviation(self, recipe: BatchRecipe) -> float:
-        """Largest deviation of an amount from the recipe, kg."""
+        """Return the largest deviation of an amount from the recipe, kg."""
         return max(abs(had - wanted) for had, wanted in zip(self.charged, recipe.amounts, strict=True))
 
     def begin(self) -> None:
@@ -110,7 +111,7 @@ class Vessel:
 
 
 def valve_share(dt: float) -> float:
-    """Share of its way that a valve goes in a time in s."""
+    """Return the share of its way that a valve moves in a time in s."""
     return 1.0 - exp(-dt / VALVE_LAG)
 
 

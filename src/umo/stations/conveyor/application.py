@@ -9,7 +9,7 @@ from .control import Conveyor, Lot
 from .errors import PartsLost
 
 STANDING = (PackMLState.STOPPED, PackMLState.IDLE, PackMLState.SUSPENDED, PackMLState.ABORTED)
-"""The states in which the sorter waits for an operator; in Held because the operator has requested that."""
+"""The states in which the sorter waits for an operator. In Held it waits because the operator has requested this."""
 RESTING = (*STANDING, PackMLState.COMPLETE)
 
 
@@ -21,14 +21,14 @@ async def main(
     tolerance: float = 4.0,
     patience: float = 60.0,
 ) -> dict[str, object]:
-    """Sort parts by length: those within the tolerance stay on the belt, the others are pushed onto the chute. Returns
+    """Sort parts by length: parts within the tolerance stay on the belt, other parts are pushed onto the chute. Returns
     the numbers of both, and the lengths in mm.
 
     Options:
         parts: number of parts.
         speed: speed of the belt, m/s.
         nominal: nominal length, mm.
-        tolerance: largest deviation of an accepted part from it, mm.
+        tolerance: the largest deviation of an accepted part from the nominal length, mm.
         patience: time in s within which an operator must continue after a fault, a stop, or a lack of parts.
 
     Raises RangeError if the drive does not have this speed, or if the belt moves by more than half of the tolerance in
@@ -55,7 +55,7 @@ def report(lot: Lot) -> dict[str, object]:
 
 
 async def start(m: Conveyor) -> None:
-    """Reset and start the sorter, as an operator would. If that is refused, the operator must act."""
+    """Reset and start the sorter, as an operator would. If this is refused, the operator must act."""
     unit = m.sorter.unit
     try:
         unit.reset()
@@ -66,7 +66,7 @@ async def start(m: Conveyor) -> None:
 
 
 async def complete(m: Conveyor, patience: float) -> None:
-    """Wait until the sorter is complete. PartsLost if it stands for longer than `patience` in s."""
+    """Wait until the sorter is complete. Raises PartsLost if the sorter stands for longer than `patience` in s."""
     unit, lot = m.sorter.unit, m.sorter.lot
     while unit.state is not PackMLState.COMPLETE:
         await until(lambda: unit.state in RESTING)

@@ -21,14 +21,14 @@ def covered(barrier: BinarySensor[Beam]) -> bool:
 
 
 class Belt(Compound):
-    """A belt on a frequency drive. `speed` is the drive's reading: it does not show that the belt slips."""
+    """A belt on a frequency drive. `speed` is the reading of the drive, which does not show that the belt slips."""
 
     run: BinaryActuator[OnOff]
     setpoint: DigitalActuator
     speed: DigitalSensor
     deviation: Annotated[float, Number("m/s", 0.001, 0.2, tunable=True)] = 0.005
-    """Largest difference between a steady setpoint and the speed, m/s; while the belt is to move, at most half of the
-    setpoint. It is an error of each length: 0.005 of 0.3 m/s is 1.7 %."""
+    """Largest difference between a steady setpoint and the speed, m/s; while the setpoint is not 0, at most half of the
+    setpoint. The deviation causes an error of each length: 0.005 of 0.3 m/s is 1.7 %."""
     settling_time: Annotated[float, Number("s", 0.1, 5.0, tunable=True)] = 0.5
     """Time for which the deviation may be larger while the setpoint is steady, s."""
 
@@ -55,7 +55,7 @@ class Belt(Compound):
         self.run.write(OnOff.ON)
 
     def brake(self) -> None:
-        """Brake to standstill; a drive that is switched on stays so."""
+        """Brake to standstill. A drive that is switched on stays switched on."""
         self.setpoint.write(0.0)
 
     @action

@@ -31,14 +31,14 @@ class Lot:
 
     @property
     def done(self) -> int:
-        """The parts that were sorted, or lost."""
+        """The number of parts that were sorted or lost."""
         return len(self.measured) + self.lost
 
 
 class Sorting(PackML):
-    """Sorts the parts of its lot, and then is complete. Without parts, or with a full bin, it suspends itself. While it
-    is held or suspended, the belt stands still, and the positions of the parts remain known. After a stop or a fault
-    they are not known."""
+    """The states of the sorter, which sorts the parts of its lot and then is complete. Without parts, or with a full
+    bin, the sorter suspends itself. While it is held or suspended, the belt stands still, and the positions of the
+    parts remain known. After a stop or a fault they are not known."""
 
     part: Sorter
 
@@ -91,7 +91,8 @@ class Sorter(
     bin at the end of the chute."""
 
     bin_capacity: Annotated[int, Number(minimum=1, maximum=100_000, tunable=True)] = 200
-    """Number of parts with which the reject bin counts as full; the parts then on the belt must still fit in."""
+    """The number of parts at which the reject bin counts as full. The parts that are then on the belt must still fit
+    into the bin."""
 
     def setup(self) -> None:
         super().setup()
@@ -111,12 +112,12 @@ class Sorter(
 
     @property
     def waits(self) -> bool:
-        """True if it is suspended because no parts come."""
+        """True if the sorter is suspended because no parts come."""
         return self.starved and self.unit.state is PackMLState.SUSPENDED
 
     @property
     def cause(self) -> str:
-        """Return the reason why nothing is sorted, as text."""
+        """The reason why nothing is sorted, as text."""
         if self.cycle.fault is None and self.waits:
             return f"no part came on {self.distance + self.spacing:.0f} mm of belt"
         return self.cycle.fault or self.unit.refusal("start") or self.unit.state.name.lower()
@@ -139,7 +140,7 @@ class Sorter(
             self._reject(1)
 
     def lose(self) -> None:
-        """Forget the positions of the parts on the belt: the next start pushes them onto the chute."""
+        """Discard the positions of the parts on the belt. The next start pushes these parts onto the chute."""
         lost = len(self.forget())
         self.lot.lost += lost
         self._reject(lost)

@@ -1,4 +1,4 @@
-"""Errors of the conveyor, besides those of its devices.
+"""The errors of the conveyor, other than those of its devices.
 
 PartsLost ends a run; the others put the sorter in fault.
 """

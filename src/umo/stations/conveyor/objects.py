@@ -7,7 +7,7 @@ from .control import Beam, Belt, Conveyor, Sorter
 
 
 def machine() -> Conveyor:
-    """A belt on a frequency drive, two light barriers, a diverter and an emergency stop."""
+    """Return a belt on a frequency drive, two light barriers, a diverter and an emergency stop."""
     return Conveyor(
         sorter=Sorter(
             belt=Belt(

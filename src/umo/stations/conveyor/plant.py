@@ -10,7 +10,7 @@
 | dio:stop | input, 1 | the emergency stop, normally closed: 0 = pressed |
 | tick | input, 31 | the timer: lets one period pass, in virtual time |
 
-Places are in mm from the entry barrier. What `report` says is on no channel.
+Places are in mm from the entry barrier. No channel carries the data of `report`.
 """
 
 import math
@@ -49,11 +49,11 @@ class Workpiece:
 
 
 class Plant(Driver, Reports):
-    """The conveyor, simulated. A third of the parts are out of tolerance, none so near to a limit that measuring could
-    err.
+    """The conveyor, simulated. A third of the parts are out of tolerance. No part is so near to a limit that the
+    measurement could be wrong.
 
     Options:
-        seed: decides the lengths of the parts and the gaps between them.
+        seed: determines the lengths of the parts and the gaps between them.
         parts: number of parts.
         nominal: nominal length, mm.
         tolerance: tolerance of the length, mm.
@@ -180,8 +180,8 @@ class Plant(Driver, Reports):
         return False
 
     def report(self) -> dict[str, Any]:
-        """The parts delivered to the end of the belt or the chute, the number of wrongly sorted ones, and the largest
-        deviation of an accepted part from the nominal length."""
+        """Return the parts delivered to the end of the belt or the chute, the number of wrongly sorted ones, and the
+        largest deviation of an accepted part from the nominal length."""
         return {
             "parts_delivered": len(self.accepted) + len(self.rejected),
             "wrongly_sorted": sum(not item.good for item in self.accepted) + sum(item.good for item in self.rejected),

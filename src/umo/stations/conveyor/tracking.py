@@ -1,7 +1,7 @@
 """The tracking of parts: they are measured at the entry barrier, expected at the exit barrier, and sorted.
 
-Everything is measured in mm of belt travel, the integral of the belt's actual speed, and not in time. So nothing
-depends on the speed, which may change at any moment, even in the middle of a part.
+Everything is measured in mm of belt travel, which is the integral of the belt's actual speed, and not in time. So
+nothing depends on the speed, which may change at any time, even in the middle of a part.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
     diverter_at: float = 450.0
     """Distance from the entry barrier to the middle of the diverter, mm."""
     spacing: float = 200.0
-    """Largest distance between the fronts of two parts that follow each other, mm."""
+    """The largest distance between the fronts of two consecutive parts, mm."""
     window: Annotated[float, Number("mm", 1.0, 100.0, tunable=True)] = 20.0
     """Distance that a part may slip on the belt from one barrier to the other, mm."""
     push_time: Annotated[float, Number("s", 0.01, 0.2, tunable=True)] = 0.05
@@ -71,7 +71,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         self.jammed = False
 
     def accepts(self, length: float) -> bool:
-        """True if a part of this length in mm stays on the belt."""
+        """Return True if a part of this length in mm stays on the belt."""
         raise NotImplementedError
 
     def passed(self, part: Part) -> None:
@@ -82,11 +82,12 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
             self._barriers, self._edges = barriers, self._edges + 1
 
     def on_suspend(self) -> None:
-        """Called when the belt brakes and the barriers are not watched."""
+        """Stop watching the barriers. Called when the belt brakes."""
         self._unwatched_from = self.belt.position, self._edges
 
     async def on_resume(self) -> None:
-        """Called before the belt runs again. PartMissing if parts cannot be at their assumed positions."""
+        """Check the parts. Called before the belt runs again. Raises PartMissing if parts cannot be at their assumed
+        positions."""
         position, edges = self._unwatched_from
         moved = self.belt.position - position
         if self.tracked and (self._edges != edges or (moved > self.window and self.on_belt)):
@@ -106,12 +107,12 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
 
     @property
     def starved(self) -> bool:
-        """True if no part is on the belt, and none came while it moved by `distance` plus `spacing`."""
+        """True if no part is on the belt, and none came while the belt moved by `distance` plus `spacing`."""
         return self.belt.position > self.fed_at + self.distance + self.spacing and not self.on_belt
 
     def track(self) -> None:
-        """Measure, track and sort parts from now on, unless that is already being done. Parts that lie on the belt at
-        the beginning were not measured: they are pushed onto the chute."""
+        """Measure, track and sort parts from now on, unless this is already being done. Parts that lie on the belt at
+        the beginning were not measured; they are pushed onto the chute."""
         self.fed_at = self.belt.position
         if not self.tracked:
             self._between.clear()
@@ -120,7 +121,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
             self._tasks = [self.cycle.start(sequence) for sequence in watch]
 
     def forget(self) -> list[Part]:
-        """End the tracking. Returns the parts that were on the belt."""
+        """End the tracking. Return the parts that were on the belt."""
         tasks, self._tasks = self._tasks, []
         for task in tasks:
             task.cancel()

@@ -1,4 +1,4 @@
-"""Heats the tunnel to its profile of temperatures, keeps it, and reports."""
+"""The application that heats the tunnel to its profile of temperatures, keeps the profile, and reports."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ async def main(m: Furnace, peak: float = 850.0, soak: float = 120.0, ramp: float
 
     Options:
         peak: highest temperature of the profile, degC.
-        soak: time for which it is kept, s.
+        soak: the time for which the profile is kept, s.
         ramp: rate of heating, K/s.
     """
     await m.heat_up(peak, ramp)

@@ -1,4 +1,4 @@
-"""The control of the furnace: all zones under PI in one calculation, each with its own interlock and its own fault."""
+"""The control of the furnace: PI control of all zones in one calculation. Each zone has an interlock and a fault."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ class Zone(Compound):
 
 
 class ZoneWithLaw(Zone, numbers={"setpoint": Number("degC", shown=True), **GAINS}):
-    """A zone with a PI of its own, so that it may run on a controller of its own."""
+    """A zone with a separate PI, so that the zone may run on a separate controller."""
 
     gain: float = 4.0
-    """Percent per K."""
+    """The gain of the PI, percent per K."""
     integral_time: float = 40.0
-    """In s."""
+    """The integral time of the PI, s."""
 
     def setup(self) -> None:
         self.heating = Servo(self.temperature, self.heater, gain=self.gain, integral_time=self.integral_time)
@@ -79,15 +79,16 @@ class Furnace(
     integral_time: float = 40.0
     """Integral time of each zone's PI, s."""
     tolerance: Annotated[float, Number("K", 1.0, 20.0, tunable=True)] = 5.0
-    """Distance from its set temperature within which a zone has arrived, K."""
+    """The distance from its set temperature within which a zone counts as arrived, K."""
     following_error: Annotated[float, Number("K", 20.0, 200.0, tunable=True)] = 60.0
     """Distance below its setpoint from which on a zone counts as not heating, K."""
     margin: float = 25.0
     """Distance above its limit from which on a zone counts as impossible to switch off, K."""
     frozen_after: int = 300
-    """Number of equal readings in a row after which a converter counts as frozen, because a working one has noise."""
+    """The number of successive equal readings after which a converter counts as frozen, because a working converter has
+    noise."""
     most_faulted: float = 0.1
-    """Largest share of the zones that may be faulted; one of several zones may always be."""
+    """The largest share of the zones that may be faulted. One of several zones may always be faulted."""
 
     def setup(self) -> None:
         self.heaters = Vector(zone.heater for zone in self.zones)
@@ -161,8 +162,8 @@ class Furnace(
 
     @action(peak=lambda furnace: Range("degC", 100.0, furnace.hottest), ramp=Range("K/s", 0.1, 4.0))
     async def heat_up(self, peak: float, ramp: float) -> None:
-        """Heat up to the profile with its highest temperature `peak` (degC), at `ramp` (K/s); HeatingError if it takes
-        more than a minute longer than that."""
+        """Heat up to the profile with its highest temperature `peak` (degC), at `ramp` (K/s). Raises HeatingError if
+        this takes longer than `peak / ramp` plus a minute."""
         if not 100.0 <= peak <= self.hottest:
             raise RangeError(f"peak must be 100 to {self.hottest:g} degC, not {peak:g}")
         if not 0.1 <= ramp <= 4.0:

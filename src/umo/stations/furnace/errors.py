@@ -1,4 +1,4 @@
-"""Errors of the furnace, besides those of its devices.
+"""The errors of the furnace, other than those of its devices.
 
 TaskFailed
 |-- OverTemperature    a zone is far above its limit: its heater does not switch off

@@ -10,10 +10,10 @@ MAX_ZONES = 5000
 
 
 def machine(zones: int = 40, laws: int = 0) -> Furnace:
-    """A tunnel of zones.
+    """Return a tunnel of zones.
 
-    Options: zones: number of zones, 1 to 5,000. laws: number of zones, from the first on, that have laws of their own
-    and may run on controllers.
+    Options: zones: number of zones, 1 to 5,000. laws: number of zones, from the first on, that have separate laws and
+    may run on controllers.
     """
     if not 1 <= zones <= MAX_ZONES:
         raise DeclarationError(f"a tunnel has 1 to {MAX_ZONES} zones, not {zones}")

@@ -8,8 +8,9 @@
 | tick | input, 31 | the timer: lets one period pass, returns how many were missed |
 
 The tunnel has as many zones as the wiring requires. Each has 2 kJ/K, a heater of 16 kW, 8 W/K to the ambience of 25
-degC, 4 W/K more with its fan, and 2 W/K to each neighbour; its thermocouple follows with 1.5 s. The time constant of a
-zone is about 3 minutes. `seed` decides the spread: power +-5 %, losses +-10 %, 20 to 30 degC at the start.
+degC, 4 W/K more with its fan, and 2 W/K to each neighbour; its thermocouple follows with a time constant of 1.5 s. The
+time constant of a zone is about 3 minutes. `seed` determines the spread: power +-5 %, losses +-10 %, 20 to 30 degC at
+the start.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class FurnaceChannel(Channel):
 
 
 class Plant(Driver[FurnaceChannel], Reports):
-    """The furnace, simulated. Opened again, it is as hot as it was.
+    """The furnace, simulated. When the furnace is opened again, it is as hot as before.
 
     Options:
         seed: decides the spread of the zones.
@@ -108,7 +109,7 @@ class Plant(Driver[FurnaceChannel], Reports):
     # Opening and time ---------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Switch the circuits on; the first time, build the furnace."""
+        """Switch the circuits on. The first call also builds the furnace."""
         if len(self.temperatures) != self._count:
             self._build(self._count)
         self._places.clear()
@@ -169,8 +170,8 @@ class Plant(Driver[FurnaceChannel], Reports):
     # Truth, for tests and observers -------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
-        """Return the highest temperature so far, the range of the present ones, and the energy, all from the model and
-        not from the thermocouples."""
+        """Return the highest temperature so far, the range of the present temperatures, and the energy. All of them
+        come from the model and not from the thermocouples."""
         last = [round(float(end), 1) for end in (self.temperatures.min(), self.temperatures.max())]
         highest, energy = round(self._highest, 1), round(self._energy / 3.6e6, 1)
         return {"highest_degC": highest, "last_degC": last, "energy_kWh": energy}

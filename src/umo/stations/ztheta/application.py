@@ -1,16 +1,16 @@
-"""Picks parts, turns each by 90 degrees, and places them."""
+"""The application that picks parts, turns each by 90 degrees, and places them."""
 
 from .control import Manipulator
 
 
 async def main(m: Manipulator, parts: int = 3, start: float = -45.0, turn: float = 90.0) -> dict[str, int] | None:
-    """Home, then serve the parts: pick, turn, place. Returns the number of parts placed without the puff of pressure,
-    if any.
+    """Home the axes, then pick, turn and place each part. Return the number of parts that were placed without the puff
+    of pressure, if there were any.
 
     Options:
         parts: number of parts.
-        start: angle at which they are picked, deg.
-        turn: angle by which they are turned, deg.
+        start: the angle at which the parts are picked, deg.
+        turn: the angle by which the parts are turned, deg.
     """
     m.cycle.progress("homing", done=0, total=parts)
     await m.home()

@@ -8,8 +8,8 @@ from umo.states import EnableDisable, UpDown
 
 
 class ZAxis(ServoAxis):
-    """Moves in um; positive is up. The preset of the wired counter corresponds to `index`. The gains are those of the
-    12-bit DAC and its amplifier, measured on the plant (docs/ztheta.md)."""
+    """The lifting axis, in um; positive is up. The preset of the wired counter corresponds to `index`. The gains fit
+    the 12-bit DAC and its amplifier, and were measured on the plant (docs/ztheta.md)."""
 
     encoder_zero: BinaryActuator[EnableDisable]
     index: float = 121_999.4
@@ -57,7 +57,8 @@ class StepOutput(BinaryActuator[UpDown]):
 
 
 class ThetaAxis(StepperAxis):
-    """Turns in deg; clockwise is positive. The index pulse zeroes the counter, where the encoder reads 227.4438."""
+    """The turning axis, in deg; clockwise is positive. The index pulse sets the counter to 0, at which the encoder
+    reads 227.4438."""
 
     step: StepOutput
     encoder_zero: BinaryActuator[EnableDisable]

@@ -1,6 +1,6 @@
 """The compound objects of the z-theta manipulator and their control (the paper's Listing 6 and section 5.4).
 
-Each control function is a member of the object that it belongs to; the axes are in `axes.py`.
+Each control function is a member of the object to which it belongs; the axes are in `axes.py`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ class Counterweight(Compound):
 
 
 class Gripper(Compound, when_suspended="hold"):
-    """A suction cup: PASS of the pressure switch proves that it holds a part. It also holds the part in manual mode."""
+    """A suction cup: PASS of the pressure switch proves that it holds a part. The cup also holds the part in manual
+    mode."""
 
     vacuum: BinaryActuator[OnOff]
     pressure: BinarySensor[PassFail]
@@ -129,7 +130,7 @@ class Manipulator(
 
     @action(angle=lambda m: Range.of(m.theta.encoder))
     async def ready(self, angle: float) -> None:
-        """Raise the arm out of the courier's way, and turn it to where parts are picked."""
+        """Raise the arm out of the courier's way, and turn it to the angle at which parts are picked."""
         self.theta.check_target(angle)
         await self.z.move_to(self.transit_height)
         await together(self.theta.move_to(angle), wait(self.courier_time))

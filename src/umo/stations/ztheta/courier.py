@@ -1,7 +1,7 @@
-"""The courier of the plant, and the plant's own report on each part. The control code sees neither. The courier brings
-one part after another under the cup; a part is taken away once it has been lifted by the cup, released, lies still, and
-z is above `CLEAR_UM`. The first one comes when z has risen above `CLEAR_UM` for the first time, so that homing over the
-low stop does not hit a part.
+"""The courier of the plant, and the plant's report on each part. The control code sees neither. The courier brings one
+part after another under the cup. It takes a part away when the cup has lifted and released the part, the part lies
+still, and z is above `CLEAR_UM`. The first part comes when z has risen above `CLEAR_UM` for the first time, so that
+homing over the low stop does not hit a part.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .devices import STEP
 CLEAR_UM = 100_000.0
 """Height of z above which the courier moves, um."""
 TRAVEL = 0.7
-"""Duration of every journey of the courier, s; it has settled 0.1 s later."""
+"""The duration of every journey of the courier, s. The courier has settled 0.1 s later."""
 SETTLE = 0.1
 QUIET = 0.05
 """Time for which a released part must have lain still before the courier leaves, s."""
@@ -42,7 +42,7 @@ class Pose(NamedTuple):
     height: float
 
     def turned(self) -> Pose:
-        """This pose turned by +90 deg about the theta axis: an off-centre part swings around it."""
+        """Return this pose turned by +90 deg about the theta axis. A part that is off centre swings around the axis."""
         return Pose(self.y, -self.x, self.yaw + 90.0, self.height)
 
 
@@ -68,7 +68,7 @@ class PartReport:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The truth about every part, in the order of delivery."""
+    """The actual results for every part, in the order of delivery."""
 
     parts: tuple[PartReport, ...]
 
@@ -93,7 +93,7 @@ class _Part:
 class Courier:
     """The courier: its target position, and the parts that it has observed. Positions are in m along its track.
 
-    `stops` are its positions with each part under the cup, `look` gives the true pose of a part."""
+    `stops` are its positions with each part under the cup; `look` returns the true pose of a part."""
 
     def __init__(
         self, stops: Sequence[float], look: Callable[[int], Pose], *, park: float, absent: bool = False
@@ -115,15 +115,15 @@ class Courier:
 
     @property
     def lifted(self) -> bool:
-        """Report that the current part has been lifted by the cup."""
+        """True if the cup has lifted the current part."""
         return self.present and self._parts[self.current].lifted
 
     def stop(self, part: int) -> float:
-        """Position of the courier with the part under the cup, m."""
+        """Return the position of the courier with the part under the cup, m."""
         return self._stops[part]
 
     def target(self, z_um: float) -> float:
-        """Position at which the courier ought to be after one physics step, m."""
+        """Return the position at which the courier must be after one physics step, m."""
         if self.moving:
             return self._travel()
         if self.current < 0 and z_um > CLEAR_UM and not self._absent:

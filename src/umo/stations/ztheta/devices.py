@@ -1,6 +1,7 @@
 """The circuits and pneumatics of the plant: quadrature counters, step drive, counterbalance, gripper.
 
-Plain first-order models advanced by the physics step, in raw levels and SI units. Nothing here knows MuJoCo.
+They are plain first-order models, advanced by the physics step, in raw levels and SI units. This module does not use
+MuJoCo.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ STEP = 0.001
 
 
 class EncoderCounter:
-    """A quadrature counter: 0 at power-up, wraps at its width, loads `preset` at the index pulse while enabled.
+    """A quadrature counter. It is 0 at power-up, rolls over at its width, and loads `preset` at the index pulse while
+    this is enabled.
 
-    `resolution` and `origin` place the encoder's lines (line n begins at `origin + n * resolution`); the index
-    pulse stands on the line `index` and is seen in both directions.
+    `resolution` and `origin` place the encoder's lines (line n begins at `origin + n * resolution`); the index pulse is
+    on the line `index` and is detected in both directions.
     """
 
     def __init__(self, *, resolution: float, origin: float, index: int, preset: int, bits: int, signed: bool) -> None:
@@ -31,14 +33,14 @@ class EncoderCounter:
         self.dead = False
 
     def power_up(self, position: float) -> None:
-        """Switch the circuit on, which loses the position: the count is 0 at any place."""
+        """Switch the circuit on. The position is lost: the count is 0 at any position."""
         self._line = math.floor((position - self._origin) / self._resolution)
         self._offset = -self._line
         self.raw = 0
 
     def follow(self, position: float, index_enabled: int) -> None:
-        """Count up or down to the position; the index is passed if its line lies between the last position and this
-        one."""
+        """Count up or down to the position; the index is passed if its line lies between the last position and the
+        present one."""
         line = math.floor((position - self._origin) / self._resolution)
         if self.dead:
             return
@@ -51,11 +53,11 @@ class EncoderCounter:
 class StepDrive:
     """A step-and-direction drive and its motor: `TORQUE * sin(TEETH * (field - rotor))`.
 
-    1,600 steps a revolution (0.225 deg), 32 to an electrical cycle of 7.2 deg.
+    A revolution has 1,600 steps (0.225 deg), and an electrical cycle of 7.2 deg has 32 steps.
     """
 
     TORQUE = 0.0135
-    """Holding torque, N m: with the rotor's 0.00041 kg m2 it pulls in at about 350 steps/s, no faster."""
+    """Holding torque, N m: with the rotor's 0.00041 kg m2 the motor can start at a rate of up to about 350 steps/s."""
     TEETH = 50
     STEPS = 1600
 
@@ -66,16 +68,17 @@ class StepDrive:
         self._field = round(rotor / angle) * angle
 
     def torque(self, steps: int, rotor: float) -> float:
-        """Torque in N m on the rotor (at the angle `rotor`, rad) after this number of further steps; positive turns
-        theta up."""
+        """Return the torque in N m on the rotor (at the angle `rotor`, rad) after this number of further steps. A
+        positive torque increases theta."""
         self._field += steps * self._angle
         return self.TORQUE * math.sin(self.TEETH * (self._field - rotor))
 
 
 class Counterbalance:
-    """The counterbalance cylinder behind its valve. Open, it fills; closed, it keeps its pressure except for a leak.
+    """The counterbalance cylinder behind its valve. While the valve is open, the cylinder fills; while it is closed,
+    the cylinder keeps its pressure except for a leak.
 
-    Nothing lets the pressure fall faster than the leak does.
+    Only the leak lets the pressure fall.
     """
 
     SUPPLY = 76_000.0
@@ -93,7 +96,7 @@ class Counterbalance:
         self._leak = math.exp(-STEP / self.LEAK)
 
     def step(self, valve: int) -> float:
-        """The pressure in Pa after one physics step."""
+        """Return the pressure in Pa after one physics step."""
         if valve:
             self.pressure += (self.SUPPLY - self.pressure) * self._fill
         else:
@@ -136,7 +139,7 @@ class SuctionCup:
         self._torn = True
 
     def step(self, valve: int, puff: int, touching: bool) -> float:
-        """The holding force in N after one physics step."""
+        """Return the holding force in N after one physics step."""
         if not valve:
             self._torn = False
         self.sealed = sealed = touching and not self._torn
@@ -150,5 +153,5 @@ class SuctionCup:
 
     @property
     def raw(self) -> int:
-        """The pressure switch: FAIL = 1, PASS = 0."""
+        """The level of the pressure switch: FAIL = 1, PASS = 0."""
         return 0 if self.vacuum > self.SWITCH else 1

@@ -1,10 +1,10 @@
-"""Errors of the z-theta station, besides those of its axes and its devices."""
+"""The errors of the z-theta station, other than those of its axes and its devices."""
 
 from umo.errors import TaskFailed
 
 
 class GripError(TaskFailed):
-    """No part was gripped, or it was lost."""
+    """No part was gripped, or a gripped part was lost."""
 
 
 class CounterweightError(TaskFailed):

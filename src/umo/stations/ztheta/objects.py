@@ -1,7 +1,7 @@
 """The 13 objects of the z-theta manipulator: the paper's Listing 5, with its numbers.
 
-Departures from the listing: keywords, the lost minus sign of the z motor's minimum, `count` for the
-counterweight's pressure (docs/paper.md says why). How the objects group and act is in `control.py`.
+Departures from the listing: keywords, the lost minus sign of the z motor's minimum, `count` for the counterweight's
+pressure (docs/paper.md gives the reasons). The grouping of the objects and their control are in `control.py`.
 """
 
 from umo import BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor
@@ -11,7 +11,7 @@ from .control import Counterweight, Gripper, Manipulator, StepOutput, ThetaAxis,
 
 
 def machine() -> Manipulator:
-    """The overhead manipulator (the paper's Figure 4): five compound objects, 13 atomic ones."""
+    """Return the overhead manipulator (the paper's Figure 4): five compound objects, 13 atomic ones."""
     return Manipulator(
         z=ZAxis(
             motor=DigitalActuator(

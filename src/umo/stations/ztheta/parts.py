@@ -1,8 +1,8 @@
 """The parts on the courier, as bodies of the physics.
 
-A part that lies still, away from the cup, sleeps: it has no weight and no contacts, and rides along with the courier.
-The part under the cup wakes when the cup comes near. While all sleep, MuJoCo looks for no contacts: these take most of
-a step.
+A part that lies still, away from the cup, sleeps: it has no weight and no contacts, and moves with the courier. The
+part under the cup wakes when the cup comes near. While all parts sleep, MuJoCo does not search for contacts, which
+would take most of the time of a step.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # type: ignore[attr-defined]
-"""Flags of MuJoCo: no search for contacts at all, and no search for the contacts of the cup."""
+"""The flags of MuJoCo for no search for contacts at all, and for no search for the contacts of the cup."""
 NEAR_UM = 65_000.0
 """Height of the cup's tip below which the part under it is awake, um. The part's top stands at 60 mm."""
 STILL = 1e-3
@@ -51,7 +51,8 @@ class Parts:
         self._qpos[self._riders] += distance
 
     def watch(self, current: int, z_um: float, held: bool) -> None:
-        """Wake, once a step, the part under the cup when this is near, let it sleep when it lies still again."""
+        """Wake the part under the cup when the cup is near, and let it sleep when it lies still again. Called once per
+        step."""
         if self._awake is None:
             if z_um < NEAR_UM and 0 <= current < len(self.places):
                 self._wake(current)

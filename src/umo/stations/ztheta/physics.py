@@ -1,4 +1,4 @@
-"""The physics of the z-theta station: plant.xml, its parts, and one step of 1 ms of everything."""
+"""The physics of the z-theta station: plant.xml, its parts, and their step of 1 ms."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Z_RESOLUTION, Z_ORIGIN, Z_INDEX = 4.64357, -147_871.0, 58_117
 THETA_RESOLUTION, THETA_INDEX_DEG = 0.000529483, 227.4438
 """Encoder of Listing 5, deg; the index pulse stands on line 0."""
 NOMINAL = 60_200.0
-"""Pressure that carries the arm, Pa: 752 counts. Friction holds it at 0 V from 680 to 820 counts."""
+"""The pressure that carries the arm, Pa: 752 counts. At 0 V friction holds the arm from 680 to 820 counts."""
 PITCH = 0.05
 """Distance between two parts on the courier, m."""
 SCATTER, SCATTER_DEG = 0.0025, 5.0
-"""Largest distance from its nominal place at which a part may start: m in x and y, deg of yaw."""
+"""The largest distance from its nominal place at which a part may start: in m for x and y, in deg for yaw."""
 COLOURS = ((0.84, 0.20, 0.18, 1.0), (0.20, 0.62, 0.30, 1.0), (0.16, 0.38, 0.80, 1.0))
 
 
 class Physics:
-    """The machine and its courier. The seed decides what no control knows: where everything starts."""
+    """The machine and its courier. The seed determines the initial positions, which no control code knows."""
 
     def __init__(self, *, seed: int, parts: int, preset: int, faults: Collection[str]) -> None:
         rng = np.random.default_rng(seed)
@@ -85,7 +85,7 @@ class Physics:
         return cylinder
 
     def power_up(self) -> None:
-        """Switch the circuits on: counts are 0, the drive holds the rotor where it is."""
+        """Switch the circuits on: counts are 0, and the drive holds the rotor at its present angle."""
         self.z_counter.power_up(self.z_um)
         self.theta_counter.power_up(self.theta_deg)
         self.drive = StepDrive(math.radians(self.theta_deg))
@@ -101,7 +101,7 @@ class Physics:
         return math.degrees(self._qpos[self._theta])
 
     def pose(self, part: int) -> Pose:
-        """Pose of the part when the courier stands at the stop of this part."""
+        """Return the pose of the part when the courier stands at the stop of this part."""
         start = self.parts.places[part]
         x, y, z, qw, qx, qy, qz = self._qpos[start : start + 7].tolist()
         x -= float(self._qpos[self._courier_x]) - self.courier.stop(part)

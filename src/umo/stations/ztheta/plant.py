@@ -76,14 +76,14 @@ DAC, PWM, STEP_LINE, DIRECTION, INPUTS, TICK = (
 
 
 class Plant(Driver[PlantChannel], Reports):
-    """The station, simulated. The first `open` builds the machine; a later one finds it where it was left, with its
-    circuits switched on afresh (counts at 0). After `close` it can still be advanced.
+    """The station, simulated. The first `open` builds the machine; a later one finds the machine as it was left, with
+    its circuits switched on again (counts at 0). After `close` the plant can still be advanced.
 
     Options:
-        seed: decides where everything starts.
-        parts: how many the courier carries, 1 to 6.
-        preset: what the z counter loads at its index; raw 58117 is 121,999.4 um.
-        faults: what is wrong with it, such as leaky-cup (`Breakage`).
+        seed: determines the initial positions.
+        parts: the number of parts on the courier, 1 to 6.
+        preset: the raw integer that the z counter loads at its index; 58117 is 121,999.4 um.
+        faults: the faults of the plant, such as leaky-cup (`Breakage`).
     """
 
     simulates_time = True
@@ -132,7 +132,7 @@ class Plant(Driver[PlantChannel], Reports):
         return self._levels[index]
 
     def write(self, channel: PlantChannel, raw: int) -> None:
-        """Set an output. The z drives saturate; anything but 0 and 1 on a line is a DriverError."""
+        """Set an output. The z drives saturate. Raises DriverError for a level other than 0 and 1 on a line."""
         self._put(channel, raw, self._levels[DIRECTION])
 
     def read_many(self, channels: Sequence[PlantChannel], out: IntArray) -> None:
@@ -175,7 +175,7 @@ class Plant(Driver[PlantChannel], Reports):
     # Opening and time ---------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Switch the circuits on; the first time, build the machine. Raises DriverError without MuJoCo."""
+        """Switch the circuits on. The first call also builds the machine. Raises DriverError without MuJoCo."""
         self._steps = self._whole_steps()
         if self._physics is None:
             self._physics = self._build()
@@ -204,7 +204,7 @@ class Plant(Driver[PlantChannel], Reports):
         return Physics(seed=self._seed, parts=self._parts, preset=self._preset, faults=self._faults)
 
     def advance(self, periods: int = 1) -> None:
-        """Simulate a number of periods with the present levels; also possible after `close`."""
+        """Simulate a number of periods with the present levels; this is also possible after `close`."""
         physics = self._opened()
         dac, pwm, _, _, z_index, theta_index, valve, vacuum, puff = self._levels[:INPUTS]
         steps, self._pulses = self._pulses, 0
@@ -250,7 +250,7 @@ class Plant(Driver[PlantChannel], Reports):
         return self._opened().courier.report()
 
     def report(self) -> dict[str, Any]:
-        """Return how many parts were placed, and their largest errors (um, deg)."""
+        """Return the number of parts that were placed, and their largest errors (um, deg)."""
         parts = self.truth().parts
         return {
             "parts_placed": sum(part.placed for part in parts),

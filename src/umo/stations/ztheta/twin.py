@@ -10,8 +10,8 @@ OFF, ON, PUFF = "#3a4048", "#2ea043", "#1f9cf0"
 
 
 def twin(machine: Manipulator) -> Twin:
-    """z counts the height of the cup's tip in um, theta is positive clockwise seen from above, as the model's joints
-    are. No object of the machine knows where the courier and its parts are."""
+    """Return the twin. z counts the height of the cup's tip in um; theta is positive clockwise, seen from above, like
+    the model's joints. No object of the machine knows the positions of the courier and its parts."""
     model = files("umo.stations.ztheta").joinpath("plant.xml").read_text("utf-8")
     return Twin.from_mujoco(model, joints={"z": "z.encoder", "theta": "theta.encoder"}, more=[
         Body(
