@@ -51,7 +51,7 @@ class Plant(Driver[FurnaceChannel], Reports):
     """The furnace, simulated. Opened again, it is as hot as it was.
 
     Options:
-        seed: decides the spread of the zones.
+        seed: seed of the random spread of the zones.
         faults: the failures, as KIND:ZONE or KIND:ZONE@SECONDS, such as stuck-heater:3@90.
     """
 

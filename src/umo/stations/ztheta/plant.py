@@ -80,10 +80,10 @@ class Plant(Driver[PlantChannel], Reports):
     circuits switched on afresh (counts at 0). After `close` it can still be advanced.
 
     Options:
-        seed: decides where everything starts.
-        parts: how many the courier carries, 1 to 6.
-        preset: what the z counter loads at its index; raw 58117 is 121,999.4 um.
-        faults: what is wrong with it, such as leaky-cup (`Breakage`).
+        seed: seed of the random start positions.
+        parts: number of parts on the courier, 1 to 6.
+        preset: raw value that the z counter loads at its index; 58117 is 121,999.4 um.
+        faults: failures of the plant, such as leaky-cup (`Breakage`).
     """
 
     simulates_time = True
