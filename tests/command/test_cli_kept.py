@@ -88,7 +88,7 @@ def test_a_run_in_virtual_time_takes_a_copy_and_writes_nothing(press: Path) -> N
 def test_a_run_in_virtual_time_tells_what_it_does_not_take_and_leaves_a_damaged_file_where_it_is(press: Path) -> None:
     path = put(count=4100)
     result = umo(*RUN)
-    assert "the kept value of count is not taken: 4100 is outside 0 to 1000" in " ".join(result.stderr.split())
+    assert "the kept value of count is not used: 4100 is outside 0 to 1000" in " ".join(result.stderr.split())
     path.write_bytes(b"torn")
     result = umo(*RUN)
     assert (result.exit_code, "are lost: it is incomplete" in " ".join(result.stderr.split())) == (0, True)

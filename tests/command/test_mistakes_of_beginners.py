@@ -73,25 +73,25 @@ SEQUENCE = {
     "while True:\n    try:\n        await m.fill(3.0)\n    except:\n        pass": "this block swallows the stop",
     "try:\n    await m.fill(3.0)\nexcept BaseException:\n    pass": "this block swallows the stop",
     "try:\n    await m.fill(3.0)\nfinally:\n    return": "`return` in `finally` swallows the stop of the sequence",
-    "m.sample()": "`m.sample()`: the cycle does this in each period: leave it out",
-    "x = 1.0 + random.random()": "`random.random()` is another number in each run: use `cycle.random`",
-    "m.target = np.random.normal(3.0)": "`np.random.normal(3.0)` is another number in each run: use `cycle.random`",
-    "x = np.random.default_rng()": "`np.random.default_rng()` is another number in each run: use `cycle.random`",
+    "m.sample()": "`m.sample()`: the cycle does this in each period: remove it",
+    "x = 1.0 + random.random()": "`random.random()` is a different number in each run: use `cycle.random`",
+    "m.target = np.random.normal(3.0)": "`np.random.normal(3.0)` is a different number in each run: use `cycle.random`",
+    "x = np.random.default_rng()": "`np.random.default_rng()` is a different number in each run: use `cycle.random`",
     "while time.time() < 5.0:\n    await next_period()": "`time.time()` is the computer's time, which virtual time and",
     "if datetime.now() > m.start:\n    m.target = 1.0": "`datetime.now()` is the computer's time",
     "try:\n    await m.fill(3.0)\nexcept Exception:\n    pass": "this block swallows every fault, and nothing",
     "while True:\n    try:\n        m.level.read()\n    except:\n        continue": "swallows every fault",
     "with suppress(Exception):\n    await m.fill(3.0)": "`suppress(Exception)` swallows every fault",
     "level = m.level.read()\nwhile level < 3.0:\n    await next_period()": (
-        "`level` was read once, before; write `m.level.read()` in its place"
+        "`level` was read once, before: write `m.level.read()` instead of `level`"
     ),
     "level = m.level.read()\nawait until(lambda: level > 3.0)": "`level` was read once, before",
     "m.inlet.write(OpenClosed.OPEN)\nm.inlet.write(OpenClosed.CLOSED)": (
-        "`m.inlet.write(OpenClosed.OPEN)` has no effect, as no period passes before the next value"
+        "`m.inlet.write(OpenClosed.OPEN)` has no effect, because no period passes before the next value"
     ),
     "for each in OpenClosed:\n    m.inlet.write(each)": "only the last value of `m.inlet.write(each)` counts",
     "await together(*[until(lambda: z.read() is OpenClosed.OPEN) for z in (m.inlet, m.drain)])": (
-        "`z` is that of the last turn when this is asked; write `lambda z=z:`"
+        "`z` has the value of the last turn of the loop when this is called; write `lambda z=z:`"
     ),
     "for z in (m.inlet, m.drain):\n    m.cycle.start(until(lambda: z.read() is OpenClosed.OPEN))": (
         "write `lambda z=z:`"
@@ -111,9 +111,9 @@ CLASS = {
     "    def control(self) -> None:\n        Hysteresis(self.a, self.b, 1, low=0, high=1).control()\n": (
         "`Hysteresis(self.a, self.b, 1, low=0, high=1)` is made again in each period, so it keeps no state: make it"
     ),
-    "    def contol(self) -> None:\n        pass\n": "nobody calls `contol`: umo calls `control`",
-    "    def interlock(self) -> None:\n        pass\n": "nobody calls `interlock`: umo calls `interlocks`",
-    "    def helper() -> None:\n        pass\n": "`helper` takes no object: write `def helper(self)`",
+    "    def contol(self) -> None:\n        pass\n": "nothing calls `contol`: umo calls `control`",
+    "    def interlock(self) -> None:\n        pass\n": "nothing calls `interlock`: umo calls `interlocks`",
+    "    def helper() -> None:\n        pass\n": "`helper` has no parameter for its object: write `def helper(self)`",
     "    target = 1.0\n\n    def aim(self, target: float) -> None:\n        target = target\n": (
         "`target` is a name of this function only, and nothing reads it: write `self.target = ...`"
     ),

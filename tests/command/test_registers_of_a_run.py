@@ -18,8 +18,8 @@ from umo.testing import Scripted, periods
 
 Umo = Callable[..., Result]
 HINT = (
-    "what the circuit holds for encoder, such as registers in each order of their bytes, is read while it does not "
-    "run: `umo do press stop`, then `umo device get press encoder`"
+    "what the circuit holds for encoder, such as registers in each byte order, can be read only while the station "
+    "does not run: `umo do press stop`, then `umo device get press encoder`"
 )
 
 

@@ -182,7 +182,7 @@ def test_a_machine_that_stands_stopped_is_told_and_its_start_has_a_status_that_i
     record.begin(False)
     record.stopped("its guardian was killed", ["pump"])
     result = umo("new", "service", "tank", "-w", "modbus")
-    assert "it cannot start while these devices stand stopped: tank (modbus), not reached: pump" in result.stderr
+    assert "the unit cannot start while these devices stand stopped: tank (modbus), not reached: pump" in result.stderr
     status = umo("run", "tank", "-w", "modbus", "--no-plot").exit_code
     assert str(int(status)) in section(result.stdout)["RestartPreventExitStatus"].split()
     assert not (tank.parent / "runs").exists()
@@ -239,7 +239,7 @@ def test_a_word_is_read_back_as_it_was(word: str) -> None:
 
 @pytest.mark.parametrize("text", ["a\nUser=root", "\ta", "a ", "a\\", "a\x00"])
 def test_what_a_line_cannot_hold_is_refused(text: str) -> None:
-    with pytest.raises(OptionError, match="cannot stand in a systemd unit"):
+    with pytest.raises(OptionError, match="cannot be written in a systemd unit"):
         plain(text)
 
 

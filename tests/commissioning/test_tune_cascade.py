@@ -104,7 +104,7 @@ def test_both_laws_are_tuned_and_the_outer_one_with_the_new_inner_gains(reactor:
     ("words", "message"),
     [
         (["jacket_law", "--relay", "5%", "--at", "1"], "jacket_law has no inner law; a `Cascade` has one"),
-        (["vessel_law", "--file", "trace.csv"], "--cascade is for --relay and --step"),
+        (["vessel_law", "--file", "trace.csv"], "--cascade can only be used with --relay or --step"),
         (["vessel_law", "--step", "5 K", "--at", "1"], "the amplitude is a share of both ranges"),
         (["vessel_law", "--step", "5%", "--at", "1", "--sensor", "vessel"], "finds sensors and actuators itself"),
         (["vessel_law", "--step", "5%"], "does not run"),

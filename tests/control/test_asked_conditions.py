@@ -161,7 +161,7 @@ def test_several_sequences_are_given_by_a_star():
     async def gathers(m: Any) -> None:
         await together([m.cycle.start(m.fill()), m.cycle.start(m.fill())])
 
-    with pytest.raises(TypeError, match=r"a list is not a sequence; several are given by a star: `tog"):
+    with pytest.raises(TypeError, match=r"a list is not a sequence; give several with a star: `tog"):
         run(bench(Tank), None, gathers)
 
 

@@ -565,7 +565,7 @@ def test_automatic_mode_is_refused_while_an_axis_is_in_fault() -> None:
         rig.periods(100)
         state, text = rig.do("mode", value="automatic")
         assert state == "refused"
-        assert "the application cannot go on: x is in fault: x does not follow" in text
+        assert "the application cannot continue: x is in fault: x does not follow" in text
         rig.do("clear", "x")
         assert rig.do("mode", value="automatic")[0] == "done"
 

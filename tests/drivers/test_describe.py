@@ -78,7 +78,7 @@ def test_a_driver_is_described_by_its_docstring_its_options_and_its_functions(um
         "count: int = 3",
         "timeout: duration = 10 periods, at most 1 s time limit of one call of the driver",
         "channels: known with its options: give them after the name",
-        "functions of its own: channel, watchdog",
+        "additional functions: channel, watchdog",
         "It is for tests.",
         "More of it.",
     ):

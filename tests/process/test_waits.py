@@ -139,7 +139,7 @@ def test_a_keeper_that_is_stopped_as_it_begins_is_told_and_tried_again(
     said: list[str] = []
     Keeper(tmp_path / "kept.json", Mock(), RunState(), said.append)._fork(Mock())
     why = "a process that was forked was stopped by a signal before it had begun"
-    assert said == [f"nothing is kept: {why}; it is tried again"]
+    assert said == [f"nothing is kept: {why}; umo tries again"]
 
 
 def stop_those_that_begin(monkeypatch: pytest.MonkeyPatch, who: Who, when: Path) -> None:
@@ -380,7 +380,7 @@ def test_a_recorder_that_is_stopped_keeps_a_run_neither_from_beginning_nor_from_
         until(lambda: processes.ProcessHandle(process.pid).is_stopped)
     assert process.returncode == -signal.SIGKILL
     assert not beside.complete
-    assert "the recorder has ended (signal 9); what it had not written is lost" in capsys.readouterr().err
+    assert "the recorder has ended (signal 9); the data that it had not written are lost" in capsys.readouterr().err
 
 
 # What waits in src/umo ---------------------------------------------------------------------------------------

@@ -65,7 +65,10 @@ def test_without_a_file_the_recording_is_in_the_folder_of_the_run(umo: Umo) -> N
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--record", "is.mcap"), "--record is.mcap: there is such a file already; a recording never overwrites one"),
+        (
+            ("--record", "is.mcap"),
+            "--record is.mcap: this file exists already, and a recording never overwrites a file",
+        ),
         (("--record", "no/x.mcap"), "--record no/x.mcap: there is no folder no"),
         (("--last", "fast"), "invalid value for '--last': 'fast' is not a duration"),
         (("--last", "1 ms"), "the command line: record.last: 0.001 is less than 1 s"),
@@ -125,7 +128,8 @@ def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypa
     monkeypatch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
     result = umo("run", "conveyor", "--until", "5", "--no-record", "--record", "run.mcap")
     told = result.stderr.replace("\n", " ")
-    assert "the record ends here, the machine runs on: run.mcap: " in told and "No space left on device" in told
+    assert "the recording ends here, and the machine continues: run.mcap: " in told
+    assert "No space left on device" in told
     assert "ended at 5 s" in told and result.exit_code == 4
     with Recording("run.mcap") as recording:
         assert not recording.ended and not recording.gaps
@@ -305,7 +309,7 @@ def test_a_recorder_that_does_not_end_after_the_run_is_ended_in_true_words(
     with RecordBeside(RecordOrder(Path("x.mcap"), {}), patient) as beside:
         pass
     told = capfd.readouterr().err.replace("\n", " ")
-    assert "the recorder has ended (signal 9); what it had not written is lost" in told
+    assert "the recorder has ended (signal 9); the data that it had not written are lost" in told
     assert "runs on" not in told and not beside.complete
 
 

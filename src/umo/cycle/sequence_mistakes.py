@@ -67,7 +67,7 @@ def instead_of_sequence(given: object) -> str:
     if inspect.isasyncgen(given):
         return f"{given.__name__}() is not a sequence, as there is a `yield` in it"
     if isinstance(given, list | tuple | set | frozenset | Generator):
-        return f"a {type(given).__name__} is not a sequence; several are given by a star: `together(*sequences)`"
+        return f"a {type(given).__name__} is not a sequence; give several with a star: `together(*sequences)`"
     return f"{cut_repr(given)} is not a sequence; call an `async def` function"
 
 

@@ -95,7 +95,7 @@ class RecordingParts:
             thin(part.path)
             part.size = part.path.stat().st_size
         except (OSError, UmoError) as error:
-            self.failed = f"{part.path} keeps everything: {text_of(error)}"
+            self.failed = f"{part.path} could not be reduced: {text_of(error)}"
 
     def close(self) -> None:
         """Close the files. No more blocks may follow. The work of threads is completed first. Raises OSError if the end

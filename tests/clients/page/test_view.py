@@ -121,7 +121,7 @@ def test_the_address_that_it_prints_opens_the_page_until_ctrl_c() -> None:
             assert b"<title>umo</title>" in response.read()
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=20)
-        assert error == "umo: the page has ended; stations that run go on\n"
+        assert error == "umo: the page has ended; running stations continue\n"
         assert process.returncode == 0
 
 
@@ -181,6 +181,6 @@ def test_a_file_that_is_not_a_certificate_is_refused(umo: Umo, tmp_path: Path) -
 
 def test_a_station_that_is_none_is_answered_in_a_line_with_those_that_are(umo: Umo) -> None:
     result = umo("show", "page", "ztheat")
-    known = "running: none; others: batch, conveyor, furnace, ztheta, or a directory"
+    known = "running: none; others: batch, conveyor, furnace, ztheta, or a folder"
     assert result.exit_code == 2
     assert result.stderr == f"umo: there is no station 'ztheat' (did you mean 'ztheta'?); {known}\n"

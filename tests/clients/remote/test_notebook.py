@@ -363,7 +363,7 @@ def test_a_scope_that_cannot_be_is_refused(paths: list[str], seconds: float, err
 def test_a_scope_of_too_many_traces_is_refused() -> None:
     with (
         running(oven(20)) as (_, station),
-        pytest.raises(PathError, match="40 objects and signals; a scope shows up to"),
+        pytest.raises(PathError, match="40 objects and signals; a scope shows at most"),
     ):
         Scope(station.reader, ["zones"], 1.0)
 

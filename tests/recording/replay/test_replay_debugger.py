@@ -222,7 +222,7 @@ def test_a_condition_that_would_do_more_than_read_is_refused(text: str, told: st
     [
         (("--break", "sorter.belt.sped.read() > 1"), "Belt has no sped (did you mean 'speed'?)"),
         (("--break", "sorter > 1"), "not supported between"),
-        (("--at", "99999"), "--at: the replay did not reach this, it has 3,741 periods"),
+        (("--at", "99999"), "--at: the replay has 3,741 periods, and did not reach this one"),
         (("--at", "soon"), "is not a place in a replay"),
     ],
 )

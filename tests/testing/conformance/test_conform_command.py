@@ -148,7 +148,7 @@ def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(
 def test_without_a_terminal_and_without_yes_nothing_is_driven(umo: Umo, press: Path, device: Device) -> None:
     result = umo("device", "conform", "press", "-w", "card")
     assert result.exit_code == 2
-    assert said(result).endswith("umo: this drives motor and fan over the whole range: confirm it by --yes")
+    assert said(result).endswith("umo: this drives motor and fan over the whole range: confirm with --yes")
     assert "object channel raw levels" in said(result).replace("┃ ", "") and "0 to 4 V" in said(result)
     assert device.levels("out:0") == [0]
 
@@ -315,7 +315,7 @@ MISTAKES = {
     "--only out:7": "'out:7' is neither a channel of this driver nor an object wired to it (did you mean 'out:1'?)",
     "--loopback motor": "--loopback motor: give OUTPUT=INPUT",
     "--loopback back=motor": "--loopback back=motor: back must be an actuator and motor a channel that can be read",
-    "--refused out:0": "--refused out:0: motor is wired to it",
+    "--refused out:0": "--refused out:0: motor is wired to this channel",
     "--only nothing": "'nothing' is neither a channel of this driver nor an object wired to it",
 }
 
@@ -333,7 +333,9 @@ def test_a_wiring_file_without_a_station_is_a_mistake(umo: Umo, tmp_path: Path) 
     (tmp_path / "deep" / "deeper" / "lone.toml").write_text("[wire]\n")
     result = umo("device", "conform", "deep/deeper/lone.toml")
     assert result.exit_code == 2
-    assert said(result) == "umo: deep/deeper/lone.toml is not in a station; give the station, and the wiring by -w"
+    assert said(result) == (
+        "umo: deep/deeper/lone.toml is not in the folder of a station; give the station, and the wiring with -w"
+    )
 
 
 def test_a_device_that_is_not_there_is_one_line_and_status_1(umo: Umo, press: Path) -> None:

@@ -41,7 +41,7 @@ def _give_back(machine: Commanded, command: ClientCommand, given: VerbArguments)
 
 
 def _stop(machine: Commanded, command: ClientCommand, given: VerbArguments) -> VerbAnswer:
-    raise CommandRefused(f"{command.do} is not sent through the queue of commands, but as a level in shared memory")
+    raise CommandRefused(f"{command.do} is sent as a level in shared memory, not through the queue of commands")
 
 
 def _change_mode(machine: Commanded, command: ClientCommand, given: VerbArguments) -> VerbAnswer:
