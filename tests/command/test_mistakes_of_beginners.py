@@ -208,7 +208,7 @@ async def of_keywords(*, speed: float = 1.0) -> None:
 @pytest.mark.parametrize("application", [without_machine, of_keywords])
 def test_an_application_that_takes_no_machine_is_told_what_to_write(application: Any) -> None:
     name, line = application.__name__, application.__code__.co_firstlineno
-    told_of_it = f"{name} takes no machine, as an application does: write `async def {name}(m)`"
+    told_of_it = f"{name} has no parameter for the machine: write `async def {name}(m)`"
     place = f"tests/command/test_mistakes_of_beginners.py:{line}"
     for given in (application, partial(application)):  # as a command has it
         with pytest.raises(DeclarationError, match=rf"^{re.escape(told_of_it)} \({re.escape(place)}\)$"):
@@ -293,7 +293,11 @@ def test_a_law_with_a_yield_or_without_self_is_refused_with_its_place() -> None:
             def control(self):  # type: ignore[no-untyped-def]
                 yield
 
-    with pytest.raises(DeclarationError, match=r"Odder\.setup takes no object: write `def setup\(self\)`"):
+    with pytest.raises(
+        DeclarationError,
+        match=r"Odder\.setup has no parameter for its object: write `def "
+        r"setup\(self\)`",
+    ):
 
         class Odder(Compound):
             def setup() -> None:  # type: ignore[misc]
@@ -332,7 +336,7 @@ def test_a_machine_that_is_not_made_is_told_why() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[drivers.a]\ntype = simulated", 'a text stands in quotation marks: "tank"'),
+        ("[drivers.a]\ntype = simulated", 'write a string in quotation marks: "tank"'),
         ('[drivers.a]\ntype = "simulated"\n[drivers.a]\n', "one [table] of a name holds all its keys"),
         ("[wire]\na = 1\na = 2", "each key is given once"),
     ],

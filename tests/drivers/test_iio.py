@@ -94,7 +94,7 @@ def many(driver, *names):
         ({"sampling_frequency": 0.0}, "sampling_frequency must be in Hz and above 0, not 0.0"),
         ({"sampling_frequency": float("nan")}, "sampling_frequency must be in Hz and above 0"),
         ({"sampling_frequency": "100"}, "sampling_frequency must be in Hz and above 0, not '100'"),
-        ({"sampling_frequency": 100.0}, "sampling_frequency is that of scans: it needs the option trigger"),
+        ({"sampling_frequency": 100.0}, "sampling_frequency is the rate of scans, which need the option trigger"),
         ({"conditioned": ["voltage0"]}, "conditioned lists channels such as 'in_voltage0', not 'voltage0'"),
     ],
 )

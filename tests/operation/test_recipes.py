@@ -121,7 +121,7 @@ def test_a_temperature_is_converted_with_its_offset() -> None:
         ({"hold": "2 h"}, "outside"),
         ({"cycles": 1.5}, "not a whole number"),
         ({"rinse": 1}, "must be true or false, not 1"),
-        ({"note": 3}, "must be a text, not 3"),
+        ({"note": 3}, "must be a string, not 3"),
         ({"colour": "BLEU"}, "did you mean 'BLUE'?"),
         ({"amounts": [1.0]}, "must be a list of 2, not of 1"),
         ({"amounts": [1.0, 51.0]}, "outside"),

@@ -15,7 +15,7 @@ from umo.process.outcome import message_of
 from umo.system import descriptors
 from umo.system.descriptors import NEEDED, TooFewDescriptors
 
-ADVICE = "`ulimit -n 1024` in a new terminal, then start it there (of a service: LimitNOFILE=1024)"
+ADVICE = "run `ulimit -n 1024` in a new terminal, and start the run there (for a service set LimitNOFILE=1024)"
 
 
 @pytest.mark.parametrize("allowed", [8, 12, 16, 24, 32, NEEDED - 1])

@@ -284,7 +284,7 @@ def test_the_history_of_alarms_waits_for_no_writer_that_is_stopped(
 ) -> None:
     monkeypatch.setattr(alarm_file, "LOCK_TIMEOUT", 0.02)
     file, record = tmp_path / "alarms.jsonl", alarm_file.AlarmRecord(1.0, 1.0, "worn", "returned", "")
-    with held_by_a_stopped_process(file), pytest.raises(OSError, match="other users may write to it"):
+    with held_by_a_stopped_process(file), pytest.raises(OSError, match="other users can write to it"):
         alarm_file.append(file, [record])
     alarm_file.append(file, [record])
     assert alarm_file.read(file) == [record]
