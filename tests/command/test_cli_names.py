@@ -80,7 +80,7 @@ def test_a_folder_here_and_a_run_of_its_name_elsewhere_are_told_apart(umo: Any, 
     with running("tank", elsewhere):
         result = umo("device", "get", "tank", "level")
         assert result.exit_code == 2
-        assert f"(pid {os.getpid()}, {elsewhere}): give ./tank, or the pid" in said(result)
+        assert f"{elsewhere}, which is running (pid {os.getpid()}): give ./tank or the pid" in said(result)
         assert "this reading opens driver tank" in said(umo("device", "get", "./tank", "level"))
         with running("tank", tmp_path / "tank"):
             assert "from the frames" in said(umo("device", "get", "tank", "inlet"))

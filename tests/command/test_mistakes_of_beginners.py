@@ -69,7 +69,7 @@ SEQUENCE = {
     "await asyncio.sleep(1)": "asyncio cannot be used in a sequence: write `await wait(...)`",
     "asyncio.create_task(m.fill(3.0))": "asyncio cannot be used in a sequence: write `cycle.start(...)`",
     "await asyncio.gather(m.fill(3.0))": "asyncio cannot be used in a sequence: write `await together(...)`",
-    "while True:\n    m.target = 1.0": "no period passes in this loop, so the machine stops in it",
+    "while True:\n    m.target = 1.0": "no period passes in this loop, so the machine stops here",
     "while True:\n    try:\n        await m.fill(3.0)\n    except:\n        pass": "this block swallows the stop",
     "try:\n    await m.fill(3.0)\nexcept BaseException:\n    pass": "this block swallows the stop",
     "try:\n    await m.fill(3.0)\nfinally:\n    return": "`return` in `finally` swallows the stop of the sequence",
@@ -104,7 +104,7 @@ SEQUENCE = {
     "m.level.write(3.0)": "DigitalSensor has no attribute 'write'; a sensor is only read",
     "m.inlet.open()": "BinaryActuator has no attribute 'open' (did you mean 'write(...)'?)",
     "m.regulator.hihg = 3.0": "Hysteresis has no attribute 'hihg' (did you mean 'high'?)",
-    "threading.Thread(target=lambda: m.inlet.write(OpenClosed.OPEN)).start()": "writes beside the cycle",
+    "threading.Thread(target=lambda: m.inlet.write(OpenClosed.OPEN)).start()": "writes outside the cycle",
 }
 """What a beginner writes in a sequence, and what `umo check` tells of it."""
 CLASS = {
@@ -337,8 +337,8 @@ def test_a_machine_that_is_not_made_is_told_why() -> None:
     ("text", "words"),
     [
         ("[drivers.a]\ntype = simulated", 'write a string in quotation marks: "tank"'),
-        ('[drivers.a]\ntype = "simulated"\n[drivers.a]\n', "one [table] of a name holds all its keys"),
-        ("[wire]\na = 1\na = 2", "each key is given once"),
+        ('[drivers.a]\ntype = "simulated"\n[drivers.a]\n', "write all keys of a table below one heading [table]"),
+        ("[wire]\na = 1\na = 2", "give each key only once"),
     ],
 )
 def test_a_wiring_that_is_no_toml_is_told_what_was_meant(tmp_path: Path, text: str, words: str) -> None:

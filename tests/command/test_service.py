@@ -107,7 +107,7 @@ def test_where_systemd_is_absent_the_same_is_shown_for_the_foreground(
 ) -> None:
     monkeypatch.setattr(service, "SYSTEMD", tank / "none")
     result = umo("new", "service", "tank")
-    assert "systemd does not run here; the same in the foreground" in result.stderr
+    assert "systemd does not run here; the command line for the foreground" in result.stderr
     assert f"cd {tank.parent} && {section(result.stdout)['ExecStart'].split()[0]}" in " ".join(result.stderr.split())
     assert "must not start it again after any end" in " ".join(result.stderr.split())
     said = " ".join(umo("new", "service", "tank", "-w", "modbus").stderr.split())

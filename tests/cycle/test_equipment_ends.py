@@ -17,7 +17,7 @@ from umo.states import OnOff
 
 
 async def spilling() -> None:
-    """It fails in its cleaning up."""
+    """It fails while cleaning up."""
     try:
         await wait(1.0)
     finally:

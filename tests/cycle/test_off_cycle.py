@@ -527,7 +527,7 @@ def test_the_timer_is_on_the_cycle() -> None:
     machine = bench()
     wiring = slow(machine, Scripted())
     wiring["drivers"]["clock"] = {"type": wiring["drivers"]["clock"], "off_cycle": True, "period": "1 s"}
-    assert "it is the cycle" in str([mistake.message for mistake in check(machine, wiring)])
+    assert "so the driver cannot be off the cycle" in str([mistake.message for mistake in check(machine, wiring)])
 
 
 def test_drivers_that_share_a_device_are_off_the_cycle_together() -> None:

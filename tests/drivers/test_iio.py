@@ -358,7 +358,7 @@ def test_a_scale_that_agrees_with_the_kernels_is_no_fault(sysfs):
 )
 def test_a_scale_that_differs_by_more_than_half_a_step_is_a_fault(sysfs, wrong):
     (fault,) = faults(**wrong)
-    assert "off that of the circuit" in fault.message
+    assert "away from the scale of the circuit" in fault.message
     own = "resolution = 0.001, zero_offset = 0" if "motor" in wrong else "resolution = 0.0005, zero_offset = -0.004"
     assert fault.message.endswith(own)
 

@@ -660,7 +660,7 @@ def test_a_device_is_not_found_by_an_empty_line_alone() -> None:
 def test_an_empty_line_before_an_answer_is_an_error_that_names_the_option() -> None:
     with (
         device(lambda line: b"\r\n" + plain(line)) as (driver, _),
-        pytest.raises(DriverError, match=r"empty answer is not a number or state; skip_empty_lines = true|unasked"),
+        pytest.raises(DriverError, match=r"empty answer is not a number or state; set skip_empty_lines = true|unasked"),
     ):
         read(driver, "a")
 

@@ -304,7 +304,7 @@ def kept_of(connection: Any) -> dict[str, Any]:
         (("b",), "b", ""),
         (("c",), None, "'c' is not one of the program's own, b, z"),
         (("b", '{"temperature": 41}'), None, "a client had sent the values of that recipe; choose the recipe again"),
-        (("trial", '{"temperature": 41}'), None, "the values of that recipe had been sent by a client"),
+        (("trial", '{"temperature": 41}'), None, "a client had sent the values of that recipe"),
         ((), None, ""),
     ],
 )

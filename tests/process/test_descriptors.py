@@ -55,7 +55,7 @@ def test_umo_run_with_few_descriptors_ends_with_that_as_a_mistake(tmp_path: Path
         [sys.executable, "-c", script, *words], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode == 2, done.stderr
-    assert "24 are allowed here: `ulimit -n 1024`" in done.stderr
+    assert "24 are allowed here: run `ulimit -n 1024`" in done.stderr
     assert not (tmp_path / "runs").exists()
 
 

@@ -128,7 +128,7 @@ def test_nobody_waits_for_a_process_to_begin_when_the_control_process_has_died(m
     os.kill(control, signal.SIGKILL)
     os.waitpid(control, 0)
     monkeypatch.setattr(RunState, "hold", lambda state, who: signal.pause())
-    with pytest.raises(OSError, match="the machine is to be reset"):
+    with pytest.raises(OSError, match="the machine must be reset"):
         state.fork(Who.STANDBY)
 
 

@@ -146,13 +146,13 @@ def test_what_a_flight_recorder_has_stays_when_its_disk_is_full(
         patch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
         words = ("--no-record", "--record", "x.mcap", "--last", "1 min")
         told = umo("run", "conveyor", "--until", "5", *words).stderr.replace("\n", " ")
-    begun = "the record ends here, the machine runs on" in told
+    begun = "the recording ends here, and the machine continues" in told
     assert begun is ("nothing is recorded: x.mcap" not in told) is (room == 45_000)
-    assert begun is ("its files stay: umo recording save conveyor" in told)
+    assert begun is ("the files of the flight recorder remain; umo recording save conveyor" in told)
     assert len(flight_folder.all_folders()) == begun
     if begun:
         monkeypatch.setattr(FlightFolder, "is_written", False)
-        assert "its recorder has ended" in umo("recording", "save", "conveyor", "saved.mcap").stdout
+        assert "the recorder has ended" in umo("recording", "save", "conveyor", "saved.mcap").stdout
         with Recording("saved.mcap") as recording:
             assert recording.is_whole and len(recording.frames()) > 100
 
@@ -228,7 +228,7 @@ def test_a_flight_recorder_beside_a_running_station_leaves_nothing_when_it_is_st
     result = umo("recording", "make", "press", "run.mcap", "--last", "1 min")
     told = result.stdout.replace("\n", " ")
     assert "keeps the last 60 s of press (rig)" in told and "umo recording save press" in told
-    assert "has ended before the run, and leaves nothing" in result.stderr.replace("\n", " ")
+    assert "ended before the run, and saved nothing" in result.stderr.replace("\n", " ")
     assert result.exit_code == 0 and not list(Path().glob("*.mcap")) and not flight_folder.all_folders()
 
 

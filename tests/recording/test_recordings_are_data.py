@@ -321,7 +321,7 @@ def test_code_that_was_not_hashed_is_not_told_as_the_same(conveyor: MemoryTape) 
     """Of umo 0.2."""
     job = {name: value for name, value in conveyor.job.items() if name != "sources"}
     told = Program.of(MemoryTape(conveyor.layout, job)).code
-    assert told.startswith("whether the code is that of the recorded run is not known")
+    assert told.startswith("it is not known whether the code is the code of the recorded run")
 
 
 def test_files_outside_of_the_folder_of_the_code_are_not_looked_at(
@@ -476,7 +476,7 @@ async def main(m):
 
 def test_a_station_is_named_for_the_twin_of_a_recording_alone(umo: Umo, trap: Path) -> None:
     done = umo("show", "page", "conveyor", "--station", "conveyor")
-    assert done.exit_code == 2 and "--station is for a recording" in done.stderr, done.output
+    assert done.exit_code == 2 and "--station can only be used with a recording" in done.stderr, done.output
 
 
 def test_the_twin_of_a_recording_is_that_of_the_named_station(conveyor: MemoryTape, trap: Path) -> None:

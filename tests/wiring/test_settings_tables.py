@@ -104,7 +104,7 @@ def test_a_secret_that_others_may_write_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "x.toml"
     file.write_text("cores = 2\n")
     file.chmod(0o666)
-    with pytest.raises(OptionError, match="others may write it"):
+    with pytest.raises(OptionError, match="other users can write the file"):
         read_settings(Table, file, secret=True)
     file.chmod(0o600)
     assert read_settings(Table, file, secret=True) == Table(cores=2)

@@ -315,7 +315,7 @@ def test_a_flood_of_puts_of_one_connection_keeps_no_other_waiting_for_the_look_a
     ("given", "words"),
     [
         ({"host": "0.0.0.0"}, "pvAccess proves no user"),
-        ({"prefix": "my plant:"}, "has a space"),
+        ({"prefix": "my plant:"}, "contains a space"),
         ({"search_port": 0}, "not from 1 to 65535"),
         ({"port": 70000}, "not from 0 to 65535"),
     ],

@@ -122,12 +122,16 @@ def test_without_a_certificate_of_the_authority_nobody_comes_in(authority: Autho
         plain = FleetNetwork(connect=[fleet.address.replace("tls/", "tcp/")])
         await refused_entry(fleet, plain, "does not speak plain tcp")
         foreign = FleetNetwork(connect=[fleet.address], certificates=other.folder / "ann")
-        await refused_entry(fleet, foreign, "its certificate is not accepted")
+        await refused_entry(fleet, foreign, "the certificate of the other side is not accepted")
         mixed = tmp_path / "mixed"  # trusts the router, which does not trust it
         mixed.mkdir()
         for name, source in (("ca", fleet.folder), ("certificate", other.folder), ("key", other.folder)):
             (mixed / f"{name}.pem").write_bytes((source / "ann" / f"{name}.pem").read_bytes())
-        await refused_entry(fleet, FleetNetwork(connect=[fleet.address], certificates=mixed), "does not accept our")
+        await refused_entry(
+            fleet,
+            FleetNetwork(connect=[fleet.address], certificates=mixed),
+            "does not accept the certificate of this computer",
+        )
 
     tried(authority, work)
 

@@ -70,7 +70,7 @@ FACTS = {
         ({"facts": FACTS | {"filter_time": -1.0}, "start": 0.0, "stop": 1.0}, "facts must be the facts of a law"),
         ({"facts": FACTS | {"sensor": "nothing"}, "start": 0.0, "stop": 1.0}, "there is no object or signal 'nothing'"),
         ({"facts": FACTS, "start": 5.0, "stop": 1.0}, "stop must not be before start"),
-        ({"facts": FACTS, "start": 0.0, "stop": 1e9}, "long at most"),
+        ({"facts": FACTS, "start": 0.0, "stop": 1e9}, "s long"),
         ({"facts": FACTS, "start": 1e7, "stop": 1e7}, "samples have a time"),
     ],
 )

@@ -90,7 +90,7 @@ def test_a_mistake_in_the_roles_is_told_when_other_computers_may_operate(
     monkeypatch.setattr("umo.clients.page.server.serve", serve)
     monkeypatch.setattr("umo_command.show.page.drop_realtime", lambda: None)
     words = ("show", "page", "--host", "0.0.0.0", "--token", "long enough", "--port", "0")
-    told = "other users may only look: "
+    told = "other users may only see the machine: "
     result = umo(*words, "--operate")
     assert told in " ".join(result.stderr.split())
     assert "ann: there is no role 'maintian' (did you mean 'maintain'?)" in " ".join(result.stderr.split())
@@ -127,8 +127,8 @@ def test_the_address_that_it_prints_opens_the_page_until_ctrl_c() -> None:
 
 def test_its_help_names_the_clients(umo: Umo) -> None:
     text = " ".join(umo("show", "page", "--help").stdout.split())
-    assert "scope, machine, twin, operate" in text
-    assert "At another address (--host), and through a proxy (--proxy), a token must be given" in text
+    assert "tabs Scope, Machine, Twin and Operate" in text
+    assert "With another address (--host) or a proxy (--proxy) you must give a token" in text
 
 
 def test_the_examples_show_no_token_to_those_who_list_the_processes(umo: Umo) -> None:

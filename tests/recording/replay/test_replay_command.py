@@ -147,7 +147,9 @@ def test_what_is_missing_in_a_recording_is_not_identical(umo: Umo, tmp_path: Pat
         "identical as far as the recording goes: "
     )
     refused = umo("recording", "shrink", str(file), "--for", "1")
-    assert refused.exit_code == 2 and ("as far as it goes (" in refused.stderr or "are lost" in refused.stderr)
+    assert refused.exit_code == 2 and (
+        "as far as the recording goes (" in refused.stderr or "are lost" in refused.stderr
+    )
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ MAX_WAITING = 8 << 20
 """Largest number of bytes of deltas that wait for the declaration of their run."""
 MAX_EVENTS = 10_000
 """Largest number of events that wait to be written."""
-BEFORE, AWAY, LOST = "before it was recorded", "the recorder was away", "the data did not arrive"
+BEFORE, AWAY, LOST = "before it was recorded", "the recorder was away", "they did not arrive"
 FULL_DISK, UNDECLARED = "no room on disk", "the station did not declare itself"
 """Reasons for missing data."""
 UNKNOWN = RunMetadata(0, -1, 0, 0, b"", b"")
