@@ -17,15 +17,17 @@ PAGE, EXIT_STATUS = DOCS / "command-line.md", DOCS / "exit-status.md"
 KINDS = {"str": "TEXT", "int": "INTEGER", "float": "NUMBER", "path": "FILE"}
 HEAD = """# The command line on one page
 
-`umo COMMAND --help` says the same in the terminal. `python tools/command_line.py` makes this page from it. `umo` alone
-shows the running stations and the next commands. The exit statuses: [exit-status.md](exit-status.md).
+`umo COMMAND --help` prints the same texts in the terminal; `python tools/command_line.py` makes this page from them.
+`umo` alone shows the running stations and the next commands. [exit-status.md](exit-status.md) explains the exit
+statuses.
 
 ## Names
 
 A **station** is named by its folder, or by its name if it ships with umo or is installed. A **running station** is
-named by its pid, its folder or its name; `umo` lists them. A **wiring** (`-w`) is the name of one of the station's
-wirings, or a file. A **time** is a number of seconds, or has a unit: `"5 min"`, `500us`. A **size** has a unit:
-`"200 MB"`. Options of the station itself, such as `--seed 7`, follow its name; `umo run STATION --help` shows them.
+named by its pid, its folder or its name; `umo` lists the running stations. A **wiring** (`-w`) is the name of one of
+the station's wirings, or a TOML file. A **time** is a number of seconds, or a number with a unit: `"5 min"`, `500us`. A
+**size** is a number with a unit: `"200 MB"`. Options of the station itself, such as `--seed 7`, follow its name;
+`umo run STATION --help` shows them.
 
 An option has one meaning everywhere:
 
@@ -36,7 +38,7 @@ An option has one meaning everywhere:
 | `--for TIME` | a duration |
 | `--from TIME`, `--to TIME` | a part of a run, on the machine's clock |
 | `--last TIME` | only the data of this last time |
-| `--keep SIZE`, `--keep-runs NUMBER` | the size or number to keep: older parts or runs are removed |
+| `--keep SIZE`, `--keep-runs NUMBER` | the size, or the number of runs, to keep: older parts or runs are removed |
 | `--set NAME=VALUE` | change a value or option |
 | `--wiring`, `-w` | a wiring |
 | `--take` | take the lease over from another client |
@@ -54,15 +56,15 @@ actions, alarms and recordings. `umo --show-completion` shows what it would inst
 | file | |
 | --- | --- |
 | `run.json` | station, wiring, options and start of the run; written at the start |
-| `trace.csv` | one row a period, in a long run every 2nd, 4th, ...; `nan` means BAD; grows during a run in real time |
+| `trace.csv` | one row for each period (in a long run for each 2nd, 4th, ...); `nan` means BAD; a heading has the unit, or the names of the states and their numbers; grows in real time |
 | `trace-000001.csv`, ... | with `--keep SIZE`: one row for each of the latest periods, with at most SIZE in total |
-| `summary.json` | status, failure, and the table at the end of the run as data; in real time from the start |
-| `plot.png` | the trace and the alarms as a picture (`--no-plot` draws none, Ctrl-C leaves it out) |
+| `summary.json` | status, failure, and the table printed at the end, as data; in real time written from the start |
+| `plot.png` | the trace and the alarms as a picture; not drawn with `--no-plot` and after Ctrl-C |
 | `failure.txt` | the whole traceback of a run that failed |
 
 Each file is either complete or missing. If `umo run` was killed, the trace ends before the run did, and the summary,
 which is written once a minute, has the state "running". If the frames could not be read to the end, the trace is
-incomplete too, and the status is 4. Nothing in `runs/` is removed, unless `--keep` or `--keep-runs` ask for it.
+incomplete too, and the status is 4. Nothing in `runs/` is removed, except by `--keep` and `--keep-runs`.
 """
 
 

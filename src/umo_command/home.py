@@ -47,9 +47,10 @@ def next_steps(
     for reader in found:
         steps += _waiting(str(reader.about["station"]), reader, reader.latest())
     steps += [
-        (f"umo do {printable(each.station)} acknowledge", "start again after you have inspected it") for each in stopped
+        (f"umo do {printable(each.station)} acknowledge", "allow the next run, after you have inspected the machine")
+        for each in stopped
     ]
-    steps += [(f"umo show why {printable(name)}", "why its last run failed") for name in failed]
+    steps += [(f"umo show why {printable(name)}", "show why its last run failed") for name in failed]
     steps = list(dict.fromkeys(steps))
     if found:
         steps = [*steps[: STEPS - 1], *_running(str(found[0].about["station"]))]
@@ -69,9 +70,9 @@ def _waiting(name: str, reader: RunReader, frame: Any) -> list[Step]:
 
 def _running(name: str) -> list[Step]:
     return [
-        (f"umo show values {name}", "its values, live; `umo show page --open`: in a browser"),
-        (f"umo do {name}", "its commands: mode, actions, stop"),
-        (f"umo show why {name}", "why a period was late, and the last faults"),
+        (f"umo show values {name}", "show its values, live; `umo show page --open` shows them in a browser"),
+        (f"umo do {name}", "show its commands: mode, actions, stop"),
+        (f"umo show why {name}", "show why a period was late, and the last faults"),
     ]
 
 
@@ -80,9 +81,9 @@ def _idle(folder: Path) -> list[Step]:
     if (folder / MARK).is_file():
         here = ["."]
     name = here[0] if here else "ztheta"
-    what = "the station in this folder" if here else "a machine that comes with umo"
+    what = "the station in this folder" if here else "a machine that ships with umo"
     return [
         (f"umo run {name} --realtime", f"run {what} in real time, to watch and operate it"),
-        (f"umo check {name}", "find its mistakes without hardware"),
-        ("umo new station my-machine", "make a station of your own"),
+        (f"umo check {name}", "find its errors without hardware"),
+        ("umo new station my-machine", "create your own station"),
     ]

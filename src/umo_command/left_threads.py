@@ -48,5 +48,8 @@ def tell_threads(patience: float = THREAD_TIMEOUT) -> None:
         frames = sys._current_frames()
         names = [f"{each.name}{in_brackets(place_within(frames.get(each.ident or 0), None))}" for each in left]
         what = "a thread" if len(left) == 1 else f"{len(left)} threads"
-        text = f"umo: done, except for {what} that the application has left: {some(names)}; Ctrl-C ends it"
+        text = (
+            f"umo: the command is done, but {what} of the application still {'runs' if len(left) == 1 else 'run'}: "
+            f"{some(names)}; Ctrl-C ends the command"
+        )
         say_without_waiting(printable(text))

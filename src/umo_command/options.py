@@ -29,7 +29,7 @@ def time_of(text: str | float) -> float:
 def duration_of(text: str | float) -> float:
     """Return a time like `time_of`, but refuse 0."""
     if not (found := time_of(text)):
-        raise typer.BadParameter("it must be more than 0 s")
+        raise typer.BadParameter("the time must be more than 0 s")
     return found
 
 
@@ -58,22 +58,27 @@ def running_argument(metavar: str, help: str) -> Any:
 
 STATION = typer.Argument(
     metavar="STATION",
-    help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace, batch).",
+    help="Folder of a station, or the name of a station that ships with umo (ztheta, conveyor, furnace, batch).",
     autocompletion=completion.stations,
 )
 StationName = Annotated[str, STATION]
 OptionalStation = Annotated[str | None, STATION]
 """The argument STATION of commands that show the options of the station in their help."""
-NO_STATION = "give the directory of a station, or the name of a shipped one: ztheta, conveyor, furnace or batch"
+NO_STATION = (
+    "give the folder of a station, or the name of a station that ships with umo: ztheta, conveyor, furnace or batch"
+)
 Running = Annotated[str, running_argument("STATION", "Name or pid of a station that runs in real time (see `umo`).")]
-OneRunning = Annotated[str | None, running_argument("[STATION]", "Name or pid; default: the only one that runs.")]
+OneRunning = Annotated[
+    str | None, running_argument("[STATION]", "Name or pid of a station; default: the only running station.")
+]
 WiringName = Annotated[
     str | None,
     typer.Option(
         "--wiring",
         "-w",
         metavar="NAME|FILE",
-        help="Name of a wiring of the station, or a TOML file; default: simulated, or the first in alphabetical order.",
+        help="Name of a wiring of the station, or a TOML file; default: simulated, or else the first in alphabetical "
+        "order.",
         autocompletion=completion.wirings,
     ),
 ]
@@ -83,7 +88,7 @@ RecordedWiring = Annotated[
         "--wiring",
         "-w",
         metavar="NAME|FILE",
-        help="A wiring of the station, or a file; default: the recorded one.",
+        help="Name of a wiring of the station, or a TOML file; default: the recorded wiring.",
         autocompletion=completion.wirings,
     ),
 ]
@@ -91,7 +96,7 @@ RecordingFile = Annotated[
     Path,
     typer.Argument(
         metavar="FILE.mcap",
-        help="A recording (umo run --record, umo recording make).",
+        help="A recording, made by umo run --record or umo recording make.",
         autocompletion=completion.recordings,
     ),
 ]
@@ -119,14 +124,19 @@ Take = Annotated[bool, typer.Option("--take", help="Take the lease over from ano
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Held = Annotated[
     float | None,
-    time_option("--for", may_be_0=True, help="How long to hold it; default: until Ctrl-C."),
+    time_option("--for", may_be_0=True, help="Time for which the value or the action is held; default: until Ctrl-C."),
 ]
-From = Annotated[float | None, time_option("--from", may_be_0=True, help="Begin at this time on the machine's clock.")]
-To = Annotated[float | None, time_option("--to", may_be_0=True, help="End at this time, such as '90 s' or '5 min'.")]
+From = Annotated[
+    float | None, time_option("--from", may_be_0=True, help="Beginning of the part to use, on the machine's clock.")
+]
+To = Annotated[
+    float | None, time_option("--to", may_be_0=True, help="End of the part to use, such as '90 s' or '5 min'.")
+]
 MayCommand = Annotated[
     bool | None,
     typer.Option(
-        "--commands/--read-only", help="Let clients command, as far as their roles allow; default: they only read."
+        "--commands/--read-only",
+        help="Let clients give the commands that their roles allow; default: clients can only read.",
     ),
 ]
 KeepRuns = Annotated[
@@ -135,24 +145,33 @@ KeepRuns = Annotated[
         "--keep-runs",
         metavar="NUMBER",
         min=0,
-        help="Keep this number of runs of each station in runs/, and remove the oldest.",
+        help="Keep the newest NUMBER runs of each station in runs/, and remove older runs.",
     ),
 ]
 Connect = Annotated[
     list[str] | None,
-    typer.Option(metavar="ADDRESS", help="Router, or other computer, such as tls/plant.local:7447; may be repeated."),
+    typer.Option(
+        metavar="ADDRESS",
+        help="Address of a router or of another computer, such as tls/plant.local:7447. May be repeated.",
+    ),
 ]
 Listen = Annotated[
     list[str] | None,
-    typer.Option(metavar="ADDRESS", help="Address at which others reach this computer, such as tls/0.0.0.0:7447."),
+    typer.Option(
+        metavar="ADDRESS",
+        help="Address at which other computers reach this one, such as tls/0.0.0.0:7447. May be repeated.",
+    ),
 ]
 Certificates = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Folder with ca.pem, certificate.pem, key.pem (umo connect certificate)."),
+    typer.Option(
+        metavar="DIR", help="Folder with ca.pem, certificate.pem and key.pem, made by umo connect certificate."
+    ),
 ]
 JetStream = Annotated[
     str | None,
     typer.Option(
-        metavar="URL", help="JetStream that stores the published data, such as nats://HOST:4222 or tls://HOST:4222."
+        metavar="URL",
+        help="JetStream server that stores the published data, such as nats://HOST:4222 or tls://HOST:4222.",
     ),
 ]

@@ -39,7 +39,7 @@ def object_of(machine: Compound, path: str, name: str) -> Any:
 def _only_running(path: str, what: str, name: str) -> str:
     run = f"`umo run {name} --realtime`"
     command = COMMANDS.get(what, "umo device get {name} {path}").format(name=name, path=path)
-    return f"{path} is {what}, which is there only while the station runs: start it ({run}), then `{command}`"
+    return f"{path} is {what}, which exists only while the station runs: start the station ({run}), then `{command}`"
 
 
 def _names_of(machine: Compound) -> Mapping[str, str]:

@@ -27,7 +27,10 @@ from umo_command.console import err
 from umo_command.old_names import current, name_of
 
 F = TypeVar("F", bound=Callable[..., Any])
-USUAL_STATUS = "0 done; 1 the machine, a device or code failed; 2 a mistake, see stderr; 130 Ctrl-C"
+USUAL_STATUS = (
+    "0 done; 1 the machine, a device or code failed; 2 the command line, the wiring or a declaration is "
+    "wrong (see stderr); 130 Ctrl-C"
+)
 """Exit statuses of most commands (docs/command-line.md)."""
 COMMANDS = ("new", "check", "run", "show", "do", "alarm", "recording", "connect", "tune", "device")
 """The commands in the order of the help."""
@@ -37,7 +40,13 @@ NEGATIVE = re.compile(r"-\.?\d")
 
 class Subcommand(TyperCommand):
     """A subcommand that accepts negative numbers as values. Otherwise the parser would take them for options, such as
-    `-0`, or `-h` in "-5 1/h". The value of --record may be left out; only a word FILE.mcap counts as its value."""
+    `-0`, or `-h` in "-5 1/h". The value of --record may be left out; only a word FILE.mcap counts as its value. The
+    helps of options name their defaults, so typer does not add them."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        for each in self.params:
+            each.show_default = False  # type: ignore[attr-defined]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         args = [
@@ -133,7 +142,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Universal Mechatronic Objects: make, run, see and operate machines.",
     epilog="Examples: umo  |  umo run ztheta  |  umo check my-machine  |  umo new station my-machine\n\n"
-    "Exit status: 0 done; the help of each command has the others, docs/exit-status.md what they mean",
+    "Exit status: 0 done; the help of each command lists the others; docs/exit-status.md explains them",
 )
 
 
@@ -186,7 +195,7 @@ def group(
     """Create a command with subcommands, in a panel of the help of `parent`. Like a `HelpPanel`, the result creates its
     subcommands."""
     made = typer.Typer(cls=cls, rich_markup_mode="rich", context_settings=HELP)
-    end = f"Examples: {examples}\n\nExit status: 0 done; the help of each command has the others"
+    end = f"Examples: {examples}\n\nExit status: 0 done; the help of each command lists the others"
     parent.add_typer(made, name=name, help=text, epilog=end, rich_help_panel=panel)
     return HelpPanel("Commands", made)
 

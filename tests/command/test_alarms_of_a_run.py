@@ -73,7 +73,7 @@ def run_of(umo: Umo, *words: str) -> tuple[str, dict[str, Any]]:
 def test_the_table_tells_how_often_alarms_were_raised_and_for_how_long(umo: Umo, press: Path) -> None:
     said, _ = run_of(umo)
     assert "alarms 3 raised, all cleared" in said
-    assert "hot the press is hot (high): 2 times, 2 s in all, last from 2" in said
+    assert "hot the press is hot (high): 2 times, 2 s in total, last from 2" in said
     assert "warm the press is warm (low): from 0" in said
     assert said.index("hot the press") < said.index("warm the press")  # the most important first
     assert "never" not in said

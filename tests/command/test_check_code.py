@@ -279,11 +279,14 @@ OTHERS = [
     ("m.fill() if m.now else None", "nobody awaits `m.fill()`"),
     ("m.now and m.fill()", "nobody awaits `m.fill()`"),
     ("[each.blink() for each in m.zones]", "nobody awaits `each.blink()`"),
-    ("await together([m.fill(), m.full()])", "several are given by a star, `*[m.fill(), m.full()]`"),
+    ("await together([m.fill(), m.full()])", "give several with a star, `*[m.fill(), m.full()]`"),
     ('with timeout("1 s"):\n    pass', '`with timeout("1 s"):` is refused: write `async with timeout("1 s"):`'),
     ("await until(m.full())", "`m.full()` is a sequence, not a condition: write `await m.full()`"),
-    ("await until(lambda: m.full())", "`m.full()` is a sequence, which is always true: a condition acts at once"),
-    ("await until(m.full)", "`m.full` is a sequence, which is always true: a condition acts at once"),
+    (
+        "await until(lambda: m.full())",
+        "`m.full()` is a sequence, which is always true: the condition would hold immediately",
+    ),
+    ("await until(m.full)", "`m.full` is a sequence, which is always true: the condition would hold immediately"),
     ("m.cycle.start(m.fill)", "`m.fill` is not called: write `m.fill()`"),
     ("await together(m.fill(), m.full)", "`m.full` is not called: write `m.full()`"),
     ('timeout("1 s")', '`timeout("1 s")` alone does nothing: write `async with timeout("1 s"):`'),
@@ -440,7 +443,7 @@ def test_check_prints_them_and_ends_with_the_status_of_a_mistake(tmp_path: Path,
     assert result.exit_code == 2
     assert "application.py:18: nobody awaits `m.fill()`" in " ".join(result.stderr.split())
     assert "ok: everything simulated" in result.stdout
-    assert result.stderr.splitlines()[-1] == "umo: 1 mistake in the code"
+    assert result.stderr.splitlines()[-1] == "umo: 1 error in the code"
 
 
 def test_a_machine_whose_setup_forgets_an_await_is_not_made(tmp_path: Path, umo: Callable[..., Result]):

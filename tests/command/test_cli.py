@@ -384,8 +384,8 @@ def test_of_a_station_that_does_not_run_it_is_said_that_its_devices_are_opened(
     umo, tank: Path, what: str, command: list[str]
 ) -> None:
     assert umo(*command).stderr == (
-        f"umo: tank (simulated) is not running: this {what} opens driver tank, and brings every actuator to its "
-        "default before and after it\n"
+        f"umo: tank (simulated) is not running: this {what} opens driver tank, and sets every actuator to its default "
+        f"before and afterwards\n"
     )
 
 
@@ -403,7 +403,7 @@ def test_where_a_station_runs_twice_its_pid_is_asked_for(umo, tank: Path) -> Non
         ):
             result = umo(*command)
             assert result.exit_code == 2
-            text = f"2 runs of tank are going on; give the pid of one instead of the name: {pid}, {pid}"
+            text = f"2 runs of tank are active; give the pid of one instead of the name: {pid}, {pid}"
             assert said(result) == f"umo: {text}"
 
 

@@ -164,13 +164,13 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["device", "get", "conveyor", "sorter.push"], "sorter.push is an action: `umo do conveyor call sorter.push`"),
         (
             ["device", "set", "conveyor", "sorter.length", "3"],
-            "sorter.length is a number that is shown: it cannot be set",
+            "sorter.length is a number that is only shown and cannot be set",
         ),
         (
             ["device", "set", "conveyor", "sorter.window", "3"],
             "sorter.window is a number: `umo tune number` changes it",
         ),
-        (["do", "conveior", "acknowledge"], "'conveior' neither runs nor has stopped unsafely"),
+        (["do", "conveior", "acknowledge"], "'conveior' neither runs nor stands stopped"),
         (["do", "conveyor", "call", "sorter.belt.run_at", "-3"], "sorter.belt.run_at: speed: -3 m/s is outside 0 to 1"),
         (["do", "conveyor", "call", "sorter.belt.run_at", "1", "2"], "'2' is not one of its arguments: speed=..."),
         (

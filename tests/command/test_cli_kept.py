@@ -88,10 +88,10 @@ def test_a_run_in_virtual_time_takes_a_copy_and_writes_nothing(press: Path) -> N
 def test_a_run_in_virtual_time_tells_what_it_does_not_take_and_leaves_a_damaged_file_where_it_is(press: Path) -> None:
     path = put(count=4100)
     result = umo(*RUN)
-    assert "the kept value of count is not taken: 4100 is outside 0 to 1000" in " ".join(result.stderr.split())
+    assert "the kept value of count is not used: 4100 is outside 0 to 1000" in " ".join(result.stderr.split())
     path.write_bytes(b"torn")
     result = umo(*RUN)
-    assert (result.exit_code, "are lost: it is incomplete" in " ".join(result.stderr.split())) == (0, True)
+    assert (result.exit_code, "are lost: the file is incomplete" in " ".join(result.stderr.split())) == (0, True)
     assert path.read_bytes() == b"torn"
 
 
@@ -107,7 +107,7 @@ def test_kept_lists_the_values_of_every_wiring_or_of_one(press: Path) -> None:
 
 def test_kept_says_which_file_cannot_be_read(press: Path) -> None:
     put(count=41).write_bytes(b"torn")
-    assert "it is incomplete" in " ".join(umo("tune", "kept", "press").stderr.split())
+    assert "the file is incomplete" in " ".join(umo("tune", "kept", "press").stderr.split())
 
 
 def test_one_value_is_forgotten_and_the_others_stay(press: Path) -> None:
@@ -139,4 +139,4 @@ def test_nothing_is_forgotten_while_a_run_keeps_it(press: Path, monkeypatch: pyt
     monkeypatch.setattr("umo_command.tune.kept.LOCK_TIMEOUT", 0.0)
     with kept_file.locked(path, 1.0):
         result = umo("tune", "kept", "press", "--forget", "count")
-    assert (result.exit_code, "a run keeps its values there" in " ".join(result.stderr.split())) == (2, True)
+    assert (result.exit_code, "a run is using the kept values" in " ".join(result.stderr.split())) == (2, True)

@@ -313,7 +313,7 @@ def test_the_tree_of_a_broken_wiring_shows_its_faults(umo: Umo, tank: Path, tmp_
         ("do x mode --taek", "umo do: no such option: --taek (did you mean '--take'?)"),
         ("show page --port", "option '--port' requires an argument"),
         ("show stations extra", "umo show stations: got unexpected extra argument"),
-        ("run", "umo run: invalid value for STATION: give the directory of a station"),
+        ("run", "umo run: invalid value for STATION: give the folder of a station"),
         ("do x call --for long", "umo do: invalid value for '--for': "),
         ("rnu ztheta", "umo: no such command 'rnu' (did you mean 'run'?); `umo --help` shows what it takes"),
         ("show whi", "umo show: no such command 'whi' (did you mean 'why'?); `umo show --help` shows what it takes"),

@@ -60,7 +60,10 @@ def test_get_and_set_know_a_run_whose_folder_is_elsewhere(umo: Any, tank: Path, 
         (["device", "set", "press", "encoder", "1"], "encoder is a sensor; only actuators can be set"),
         (["device", "set", "press", "valve", "OFFF"], "valve has no state 'OFFF' (did you mean 'OFF'?): OFF, ON"),
         (["device", "set", "press", "motor", "1e999"], "motor: '1e999' is too large for a number in V"),
-        (["device", "get", "press", "motor", "--zones", "3"], "its machine has been made; leave out --zones"),
+        (
+            ["device", "get", "press", "motor", "--zones", "3"],
+            "options of its machine cannot be changed; leave out --zones",
+        ),
         (["device", "get", "pres", "motor"], "or one of: batch, conveyor, furnace, ztheta; running: press"),
     ],
 )
@@ -77,7 +80,7 @@ def test_a_folder_here_and_a_run_of_its_name_elsewhere_are_told_apart(umo: Any, 
     with running("tank", elsewhere):
         result = umo("device", "get", "tank", "level")
         assert result.exit_code == 2
-        assert f"(pid {os.getpid()}, {elsewhere}): give ./tank, or the pid" in said(result)
+        assert f"{elsewhere}, which is running (pid {os.getpid()}): give ./tank or the pid" in said(result)
         assert "this reading opens driver tank" in said(umo("device", "get", "./tank", "level"))
         with running("tank", tmp_path / "tank"):
             assert "from the frames" in said(umo("device", "get", "tank", "inlet"))

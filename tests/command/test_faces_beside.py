@@ -156,7 +156,7 @@ def test_one_that_ends_is_told_once_and_started_again_after_growing_pauses(said:
             assert beside._process is None
             time.now += 0.02 * pause
             until(lambda count=count: ended(count))
-        end = "the faces have ended (status 3); the machine runs on, and they are started again"
+        end = "the faces have ended (status 3); the machine continues, and the faces are started again"
         assert said == ["faces: it is dark", end]
         beside.is_ending = True
         time.now += MAX_PAUSE
@@ -176,7 +176,7 @@ def test_one_that_has_lived_for_long_is_told_anew_and_started_soon(said: list[st
             beside._process.kill()
             until(lambda: beside.look(1, []) or beside._process is None)
             time.now += FIRST_PAUSE
-    assert said == ["the faces have ended (signal 9); the machine runs on, and they are started again"] * 3
+    assert said == ["the faces have ended (signal 9); the machine continues, and the faces are started again"] * 3
 
 
 def test_one_that_floods_is_read_in_pieces(said: list[str]) -> None:

@@ -178,7 +178,7 @@ def test_clear_takes_paths_and_patterns_and_says_what_it_cleared(umo: Umo, start
         assert result.stdout == "".join(f"cleared: reactors.{number}\n" for number in cleared)
         for more in ([], words):
             assert umo("do", "plant", "clear", *more).stdout.endswith("nothing was in fault\n")
-    assert umo("do", "plant", "clear", "timer").stdout == "timer: not in any equipment\n"
+    assert umo("do", "plant", "clear", "timer").stdout == "timer: not part of any equipment\n"
     fail(umo, started, 0, 2)
     assert umo("do", "plant", "clear").stdout == "cleared: reactors.0 and reactors.2\n"
     result = umo("do", "plant", "clear", "reactors.*", "reactor.*.heater")

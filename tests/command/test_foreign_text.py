@@ -226,5 +226,5 @@ class Rack(Compound):
 
 @pytest.mark.parametrize("key", ["a\x1b[2J", "a\nb", "a.b"])
 def test_the_keys_of_parts_are_printable(key: str) -> None:
-    with pytest.raises(DeclarationError, match="different texts without dots and control characters"):
+    with pytest.raises(DeclarationError, match="different strings without dots and control characters"):
         Rack(parts={key: actuator()})

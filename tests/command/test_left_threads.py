@@ -30,12 +30,9 @@ def test_threads_that_are_left_are_told_by_name_and_place(
         assert [*left_threads()] == threads[:1]
         tell_threads(patience=0.0)
         told = capfd.readouterr().err
-        assert (
-            told.startswith("umo: done, except for ")
-            and " that the application has left: " in told
-            and "logger" in told
-        )
-        assert told.endswith("; Ctrl-C ends it\n")
+        assert told.startswith("umo: the command is done, but a thread of the application still runs: ")
+        assert "logger" in told
+        assert told.endswith("; Ctrl-C ends the command\n")
     finally:
         release.set()
         for each in threads:
@@ -93,7 +90,7 @@ def test_a_command_that_waits_for_a_thread_says_so_and_is_ended_by_a_signal(tmp_
         os.kill(process.pid, number)
         assert process.wait(60) == 128 + number
         assert line.startswith(
-            "umo: done, except for a thread that the application has left: logger (press/application.py:9"
+            "umo: the command is done, but a thread of the application still runs: logger (press/application.py:9"
         )
         assert process.stderr.read() == ""
 

@@ -69,29 +69,29 @@ SEQUENCE = {
     "await asyncio.sleep(1)": "asyncio cannot be used in a sequence: write `await wait(...)`",
     "asyncio.create_task(m.fill(3.0))": "asyncio cannot be used in a sequence: write `cycle.start(...)`",
     "await asyncio.gather(m.fill(3.0))": "asyncio cannot be used in a sequence: write `await together(...)`",
-    "while True:\n    m.target = 1.0": "no period passes in this loop, so the machine stops in it",
+    "while True:\n    m.target = 1.0": "no period passes in this loop, so the machine stops here",
     "while True:\n    try:\n        await m.fill(3.0)\n    except:\n        pass": "this block swallows the stop",
     "try:\n    await m.fill(3.0)\nexcept BaseException:\n    pass": "this block swallows the stop",
     "try:\n    await m.fill(3.0)\nfinally:\n    return": "`return` in `finally` swallows the stop of the sequence",
-    "m.sample()": "`m.sample()`: the cycle does this in each period: leave it out",
-    "x = 1.0 + random.random()": "`random.random()` is another number in each run: use `cycle.random`",
-    "m.target = np.random.normal(3.0)": "`np.random.normal(3.0)` is another number in each run: use `cycle.random`",
-    "x = np.random.default_rng()": "`np.random.default_rng()` is another number in each run: use `cycle.random`",
+    "m.sample()": "`m.sample()`: the cycle does this in each period: remove it",
+    "x = 1.0 + random.random()": "`random.random()` is a different number in each run: use `cycle.random`",
+    "m.target = np.random.normal(3.0)": "`np.random.normal(3.0)` is a different number in each run: use `cycle.random`",
+    "x = np.random.default_rng()": "`np.random.default_rng()` is a different number in each run: use `cycle.random`",
     "while time.time() < 5.0:\n    await next_period()": "`time.time()` is the computer's time, which virtual time and",
     "if datetime.now() > m.start:\n    m.target = 1.0": "`datetime.now()` is the computer's time",
     "try:\n    await m.fill(3.0)\nexcept Exception:\n    pass": "this block swallows every fault, and nothing",
     "while True:\n    try:\n        m.level.read()\n    except:\n        continue": "swallows every fault",
     "with suppress(Exception):\n    await m.fill(3.0)": "`suppress(Exception)` swallows every fault",
     "level = m.level.read()\nwhile level < 3.0:\n    await next_period()": (
-        "`level` was read once, before; write `m.level.read()` in its place"
+        "`level` was read once, before: write `m.level.read()` instead of `level`"
     ),
     "level = m.level.read()\nawait until(lambda: level > 3.0)": "`level` was read once, before",
     "m.inlet.write(OpenClosed.OPEN)\nm.inlet.write(OpenClosed.CLOSED)": (
-        "`m.inlet.write(OpenClosed.OPEN)` has no effect, as no period passes before the next value"
+        "`m.inlet.write(OpenClosed.OPEN)` has no effect, because no period passes before the next value"
     ),
     "for each in OpenClosed:\n    m.inlet.write(each)": "only the last value of `m.inlet.write(each)` counts",
     "await together(*[until(lambda: z.read() is OpenClosed.OPEN) for z in (m.inlet, m.drain)])": (
-        "`z` is that of the last turn when this is asked; write `lambda z=z:`"
+        "`z` has the value of the last turn of the loop when this is called; write `lambda z=z:`"
     ),
     "for z in (m.inlet, m.drain):\n    m.cycle.start(until(lambda: z.read() is OpenClosed.OPEN))": (
         "write `lambda z=z:`"
@@ -104,16 +104,16 @@ SEQUENCE = {
     "m.level.write(3.0)": "DigitalSensor has no attribute 'write'; a sensor is only read",
     "m.inlet.open()": "BinaryActuator has no attribute 'open' (did you mean 'write(...)'?)",
     "m.regulator.hihg = 3.0": "Hysteresis has no attribute 'hihg' (did you mean 'high'?)",
-    "threading.Thread(target=lambda: m.inlet.write(OpenClosed.OPEN)).start()": "writes beside the cycle",
+    "threading.Thread(target=lambda: m.inlet.write(OpenClosed.OPEN)).start()": "writes outside the cycle",
 }
 """What a beginner writes in a sequence, and what `umo check` tells of it."""
 CLASS = {
     "    def control(self) -> None:\n        Hysteresis(self.a, self.b, 1, low=0, high=1).control()\n": (
         "`Hysteresis(self.a, self.b, 1, low=0, high=1)` is made again in each period, so it keeps no state: make it"
     ),
-    "    def contol(self) -> None:\n        pass\n": "nobody calls `contol`: umo calls `control`",
-    "    def interlock(self) -> None:\n        pass\n": "nobody calls `interlock`: umo calls `interlocks`",
-    "    def helper() -> None:\n        pass\n": "`helper` takes no object: write `def helper(self)`",
+    "    def contol(self) -> None:\n        pass\n": "nothing calls `contol`: umo calls `control`",
+    "    def interlock(self) -> None:\n        pass\n": "nothing calls `interlock`: umo calls `interlocks`",
+    "    def helper() -> None:\n        pass\n": "`helper` has no parameter for its object: write `def helper(self)`",
     "    target = 1.0\n\n    def aim(self, target: float) -> None:\n        target = target\n": (
         "`target` is a name of this function only, and nothing reads it: write `self.target = ...`"
     ),
@@ -208,7 +208,7 @@ async def of_keywords(*, speed: float = 1.0) -> None:
 @pytest.mark.parametrize("application", [without_machine, of_keywords])
 def test_an_application_that_takes_no_machine_is_told_what_to_write(application: Any) -> None:
     name, line = application.__name__, application.__code__.co_firstlineno
-    told_of_it = f"{name} takes no machine, as an application does: write `async def {name}(m)`"
+    told_of_it = f"{name} has no parameter for the machine: write `async def {name}(m)`"
     place = f"tests/command/test_mistakes_of_beginners.py:{line}"
     for given in (application, partial(application)):  # as a command has it
         with pytest.raises(DeclarationError, match=rf"^{re.escape(told_of_it)} \({re.escape(place)}\)$"):
@@ -293,7 +293,11 @@ def test_a_law_with_a_yield_or_without_self_is_refused_with_its_place() -> None:
             def control(self):  # type: ignore[no-untyped-def]
                 yield
 
-    with pytest.raises(DeclarationError, match=r"Odder\.setup takes no object: write `def setup\(self\)`"):
+    with pytest.raises(
+        DeclarationError,
+        match=r"Odder\.setup has no parameter for its object: write `def "
+        r"setup\(self\)`",
+    ):
 
         class Odder(Compound):
             def setup() -> None:  # type: ignore[misc]
@@ -332,9 +336,9 @@ def test_a_machine_that_is_not_made_is_told_why() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[drivers.a]\ntype = simulated", 'a text stands in quotation marks: "tank"'),
-        ('[drivers.a]\ntype = "simulated"\n[drivers.a]\n', "one [table] of a name holds all its keys"),
-        ("[wire]\na = 1\na = 2", "each key is given once"),
+        ("[drivers.a]\ntype = simulated", 'write a string in quotation marks: "tank"'),
+        ('[drivers.a]\ntype = "simulated"\n[drivers.a]\n', "write all keys of a table below one heading [table]"),
+        ("[wire]\na = 1\na = 2", "give each key only once"),
     ],
 )
 def test_a_wiring_that_is_no_toml_is_told_what_was_meant(tmp_path: Path, text: str, words: str) -> None:

@@ -72,7 +72,8 @@ def test_a_path_that_is_there_only_while_it_runs_is_told_so(
     umo: Umo, press: Path, path: str, what: str, command: str
 ) -> None:
     expected = (
-        f"umo: {path} is {what}, which is there only while the station runs: start it (`umo run press --realtime`), "
+        f"umo: {path} is {what}, which exists only while the station runs: start the station (`umo run press "
+        f"--realtime`), "
         f"then `{command}`"
     )
     assert said(umo("device", "get", "press", path)) == expected

@@ -18,8 +18,8 @@ from umo.testing import Scripted, periods
 
 Umo = Callable[..., Result]
 HINT = (
-    "what the circuit holds for encoder, such as registers in each order of their bytes, is read while it does not "
-    "run: `umo do press stop`, then `umo device get press encoder`"
+    "the raw content of the circuit of encoder, such as registers in each byte order, can be read only while the "
+    "station does not run: `umo do press stop`, then `umo device get press encoder`"
 )
 
 
@@ -48,17 +48,17 @@ def said(umo: Umo, *paths: str) -> str:
 def test_a_sensor_of_a_driver_that_tells_what_it_holds_has_the_hint(umo: Umo) -> None:
     with running(ChangeEvents()):
         assert HINT in said(umo, "encoder")
-        assert said(umo, "encoder", "motor", "limit").count("what the circuit holds") == 1
+        assert said(umo, "encoder", "motor", "limit").count("the raw content of the circuit") == 1
 
 
 def test_outputs_and_states_have_none(umo: Umo) -> None:
     with running(ChangeEvents()):
-        assert "what the circuit holds" not in said(umo, "motor", "valve", "limit")
+        assert "the raw content of the circuit" not in said(umo, "motor", "valve", "limit")
 
 
 def test_a_sensor_of_a_driver_that_tells_nothing_has_none(umo: Umo) -> None:
     with running(Scripted()):
-        assert "what the circuit holds" not in said(umo, "encoder")
+        assert "the raw content of the circuit" not in said(umo, "encoder")
 
 
 @pytest.mark.parametrize(("box", "has_hint"), [(ChangeEvents(), True), (Scripted(), False)])
@@ -67,4 +67,4 @@ def test_injected_faults_do_not_change_that(umo: Umo, box: Scripted, has_hint: b
     connection = connect(machine, wired(machine, box), fault="encoder stuck at 5 s")
     with connection, published(connection, "press"):
         periods(machine, 3)
-        assert ("what the circuit holds" in said(umo, "encoder")) is has_hint
+        assert ("the raw content of the circuit" in said(umo, "encoder")) is has_hint

@@ -127,7 +127,7 @@ def test_ctrl_c_while_the_plot_is_drawn_changes_neither_the_status_nor_leaves_a_
     result = umo("run", "tank")
     assert result.exit_code == 0
     assert said(result) == (
-        "umo: drawing the plot; Ctrl-C leaves it out (--no-plot: always) umo: the plot was left out"
+        "umo: drawing the plot; Ctrl-C skips it, --no-plot always skips it umo: the plot was skipped"
     )
     assert {file.name for file in folder(quick).iterdir()} == {"run.json", "summary.json", "trace.csv"}
     assert "trace: runs/tank-" in result.stdout

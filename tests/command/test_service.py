@@ -107,7 +107,7 @@ def test_where_systemd_is_absent_the_same_is_shown_for_the_foreground(
 ) -> None:
     monkeypatch.setattr(service, "SYSTEMD", tank / "none")
     result = umo("new", "service", "tank")
-    assert "systemd does not run here; the same in the foreground" in result.stderr
+    assert "systemd does not run here; the command line for the foreground" in result.stderr
     assert f"cd {tank.parent} && {section(result.stdout)['ExecStart'].split()[0]}" in " ".join(result.stderr.split())
     assert "must not start it again after any end" in " ".join(result.stderr.split())
     said = " ".join(umo("new", "service", "tank", "-w", "modbus").stderr.split())
@@ -182,7 +182,7 @@ def test_a_machine_that_stands_stopped_is_told_and_its_start_has_a_status_that_i
     record.begin(False)
     record.stopped("its guardian was killed", ["pump"])
     result = umo("new", "service", "tank", "-w", "modbus")
-    assert "it cannot start while these devices stand stopped: tank (modbus), not reached: pump" in result.stderr
+    assert "the unit cannot start while these devices stand stopped: tank (modbus), not reached: pump" in result.stderr
     status = umo("run", "tank", "-w", "modbus", "--no-plot").exit_code
     assert str(int(status)) in section(result.stdout)["RestartPreventExitStatus"].split()
     assert not (tank.parent / "runs").exists()
@@ -239,7 +239,7 @@ def test_a_word_is_read_back_as_it_was(word: str) -> None:
 
 @pytest.mark.parametrize("text", ["a\nUser=root", "\ta", "a ", "a\\", "a\x00"])
 def test_what_a_line_cannot_hold_is_refused(text: str) -> None:
-    with pytest.raises(OptionError, match="cannot stand in a systemd unit"):
+    with pytest.raises(OptionError, match="cannot be written in a systemd unit"):
         plain(text)
 
 

@@ -176,7 +176,7 @@ def test_any_driver_is_described_by_its_module_and_class(
     found = lines(umo("device", "drivers", name))
     assert found[0] == "Card  A card with one DAC."
     assert found[2].startswith("address: int = 7")
-    assert found[-2:] == ["channels: dac:0", "functions of its own: channel, devices"]
+    assert found[-2:] == ["channels: dac:0", "additional functions: channel, devices"]
 
 
 def test_a_driver_without_a_docstring_does_not_take_that_of_its_base(

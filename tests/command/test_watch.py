@@ -77,8 +77,8 @@ def test_ps_names_the_machines_that_stand_stopped() -> None:
     found = said(umo("show", "stations"))
     assert found.startswith("no station is running stands stopped: press (rig), not reached: motor, bus 1, 2")
     assert (
-        "Inspect it, then start it with --acknowledge, or use `umo do STATION acknowledge`; `umo show stations "
-        "--json` has the causes." in found
+        "Inspect the machine. Then start it with --acknowledge, or use `umo do STATION acknowledge`. `umo show "
+        "stations --json` shows the causes." in found
     )
     assert '"what": "the control process hung"' in umo("show", "stations", "--json").stdout
 
@@ -438,4 +438,4 @@ def test_another_run_of_the_station_is_named_with_the_pids_that_commands_need(
         _name_other_runs(started)
     text = " ".join(capsys.readouterr().err.split())
     assert text.startswith(f"umo: press runs already (pid {os.getpid()}); each run has its own devices or simulation. ")
-    assert text.endswith("This run has pid 4711: give commands the pid instead of the name, as in umo do 4711")
+    assert text.endswith("This run has pid 4711: use the pid instead of the name in commands, as in umo do 4711")

@@ -81,7 +81,7 @@ def test_an_inner_law_at_its_limit_is_told(reactor: Path) -> None:
     assert "at its limit" not in invoke(*words).output
     limited = invoke(*words, "--wiring", "limited")
     assert limited.exit_code == 2, limited.output
-    assert "jacket_law, the inner law, was at its limit in" in " ".join(limited.output.split())
+    assert "jacket_law, the inner law, was at its limit during" in " ".join(limited.output.split())
     assert "no linear model describes the response" in " ".join(limited.output.split())
 
 
@@ -104,9 +104,9 @@ def test_both_laws_are_tuned_and_the_outer_one_with_the_new_inner_gains(reactor:
     ("words", "message"),
     [
         (["jacket_law", "--relay", "5%", "--at", "1"], "jacket_law has no inner law; a `Cascade` has one"),
-        (["vessel_law", "--file", "trace.csv"], "--cascade is for --relay and --step"),
-        (["vessel_law", "--step", "5 K", "--at", "1"], "the amplitude is a share of both ranges"),
-        (["vessel_law", "--step", "5%", "--at", "1", "--sensor", "vessel"], "finds sensors and actuators itself"),
+        (["vessel_law", "--file", "trace.csv"], "--cascade can only be used with --relay or --step"),
+        (["vessel_law", "--step", "5 K", "--at", "1"], "the amplitude must be a share of the range"),
+        (["vessel_law", "--step", "5%", "--at", "1", "--sensor", "vessel"], "finds the sensors and actuators"),
         (["vessel_law", "--step", "5%"], "does not run"),
     ],
 )
@@ -189,7 +189,7 @@ def test_two_laws_on_numbers_are_tuned_where_the_paths_are_given(tmp_path: Path)
     words = (place, "vessel_law", "--step", "10 K", "--at", "2", "--within", "40")
     refused = invoke(*words)
     assert refused.exit_code == 2
-    assert "does not name its sensor: name it with --sensor" in refused.output
+    assert "does not name its sensor: give --sensor" in refused.output
     data = found(*words, "--sensor", "vessel", "--actuator", "jacket_law.setpoint")
     assert data["model"]["parameters"]["K"]["value"] == pytest.approx(0.8, rel=0.02)
 

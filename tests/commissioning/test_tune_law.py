@@ -170,7 +170,7 @@ def test_without_a_law_the_laws_are_listed() -> None:
         (["servo", "--moves", "10 mm"], "does not run"),
         (["servo", "--file", "none.csv"], "there is no such file"),
         (["servo", "--relay", "10%", "--at", "1", "--gains", "wild"], "there is no set 'wild'"),
-        (["servo", "--relay", "10%", "--from", "1"], "for --file"),
+        (["servo", "--relay", "10%", "--from", "1"], "used with --file"),
         (["servo", "--relay", "10%", "--at", "1", "--out", "x.pdf"], "a plot is a .png"),
         (["servo", "--relay", "10%", "--at", "1", "--sensor", "valve.x"], "no sensor 'valve.x'"),
     ],

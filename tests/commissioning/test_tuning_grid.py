@@ -10,7 +10,13 @@ from helpers.tuning_plants import DEVELOP, HELD_OUT, plants
 
 pytest.importorskip("scipy")
 
-TYPICAL = [("told", 0), ("unstable by itself", 3), ("not linear", 28), ("oscillates by itself", 11), ("told", 4)]
+TYPICAL = [
+    ("told", 0),
+    ("without control is unstable", 3),
+    ("not linear", 28),
+    ("without control oscillates", 11),
+    ("told", 4),
+]
 """Plants of the part `develop`, and what is said of them."""
 
 

@@ -97,7 +97,7 @@ async def nothing(m: Any) -> None:
     await until(None)  # type: ignore[arg-type]
 
 
-TAKES = "() takes a function, which it asks in every period; "
+TAKES = "() takes a function, which it calls in every period; "
 REFUSED: list[tuple[Callable[[Any], Any], str]] = [
     (an_object, f"until{TAKES}`m.limit` is an object: write `until(lambda: m.limit.read() is PassFail.FAIL)`"),
     (an_actuator, f"until{TAKES}`m.valve` is an object: write `until(lambda: m.valve.read() is OnOff.ON)`"),
@@ -109,19 +109,19 @@ REFUSED: list[tuple[Callable[[Any], Any], str]] = [
     ),
     (
         a_comparison,
-        f"until{TAKES}`m.encoder.read() > 3.0` was worked out once, before, and gave False: "
+        f"until{TAKES}`m.encoder.read() > 3.0` was evaluated once, before, and gave False: "
         "write `until(lambda: m.encoder.read() > 3.0)`",
     ),
     (over_lines, "write `until(lambda: m.encoder.read() > 3.0 and m.limit.read() is PassFail.PASS)`"),
     (a_value, "and gave 0.0: write `until(lambda: m.encoder.read())`"),
     (a_sequence, f"until{TAKES}`m.fill()` is a sequence: write `await m.fill()`"),
     (a_task, f"until{TAKES}`filling` is a task: write `await filling`, or `until(lambda: filling.done)`"),
-    (a_name, "`ready` was worked out once, before, and gave False: write `until(lambda: ready)`"),
+    (a_name, "`ready` was evaluated once, before, and gave False: write `until(lambda: ready)`"),
     (to_unless, "write `unless(lambda: m.encoder.read() > 3.0)`"),
     (a_method_of_an_object, "is true or false: write `until(lambda: m.limit.read() is PassFail.FAIL)`"),
     (a_method_of_a_number, "is true or false: write such as `until(lambda: m.encoder.read() > 5.0)`"),
-    (a_function_that_waits, "until() asks a condition, which answers at once; ready is a sequence: `def ready`"),
-    (nothing, "`None` was worked out once, before, and gave None"),
+    (a_function_that_waits, "until() needs a condition that answers immediately, but ready is a sequence: `def ready`"),
+    (nothing, "`None` was evaluated once, before, and gave None"),
 ]
 
 
@@ -161,7 +161,7 @@ def test_several_sequences_are_given_by_a_star():
     async def gathers(m: Any) -> None:
         await together([m.cycle.start(m.fill()), m.cycle.start(m.fill())])
 
-    with pytest.raises(TypeError, match=r"a list is not a sequence; several are given by a star: `tog"):
+    with pytest.raises(TypeError, match=r"a list is not a sequence; give several with a star: `tog"):
         run(bench(Tank), None, gathers)
 
 
@@ -186,11 +186,15 @@ def test_an_application_that_is_no_sequence_is_refused_with_its_place():
         yield 1
 
     with pytest.raises(
-        DeclarationError, match=rf"plain is not a sequence, as an application is: write `async def plain` {PLACE}"
+        DeclarationError,
+        match=rf"plain is not a sequence, but an application must be one: write `async def plain` "
+        f"{PLACE}",
     ):
         run(bench(), None, plain)  # type: ignore[arg-type]
     with pytest.raises(
-        DeclarationError, match=rf"yields is not a sequence, as an application is: there is a `yield` in it {PLACE}"
+        DeclarationError,
+        match=rf"yields is not a sequence, but an application must be one: there is a `yield` in it "
+        f"{PLACE}",
     ):
         run(bench(), None, yields)
 

@@ -170,12 +170,12 @@ def test_an_axis_that_was_moved_is_moved_back_or_the_application_does_not_go_on(
         ann.mode("manual")
         ann.call("x.move_to", position=50.0)
         refused = ann.mode("automatic")
-        assert refused.text == "CommandRefused: the application cannot go on: x still moves; or stop the run"
+        assert refused.text == "CommandRefused: the application cannot continue: x still moves; or stop the run"
         assert ann.x.state is AxisState.DISCRETE_MOTION  # nothing has changed
         ann.until(lambda: ann.x._motion is None)
         refused = ann.mode("automatic")
         assert refused.state is CommandState.REFUSED
-        assert refused.text.startswith("CommandRefused: the application cannot go on: x is at ")
+        assert refused.text.startswith("CommandRefused: the application cannot continue: x is at ")
         assert refused.text.endswith("the application left it at 60.00 mm; move it back (`x.move_to`); or stop the run")
         ann.call("x.disable")
         ann.run(3)
@@ -478,7 +478,7 @@ def test_an_application_that_awaits_a_motion_which_a_fault_has_ended_does_not_go
             ann.until(lambda: ann.x._motion is None)
         refused = ann.mode("automatic")
         assert refused.state is CommandState.REFUSED
-        text = "the application cannot go on: x was in fault: its motion has ended; stop the run, and start it again"
+        text = "the application cannot continue: x was in fault: its motion has ended; stop the run, and start it again"
         assert refused.text == f"CommandRefused: {text}"
         assert not task.done
 

@@ -131,7 +131,7 @@ def test_an_inner_sensor_that_is_bad_leaves_the_integrals_as_they_were() -> None
 
 
 def test_limits_in_the_wrong_order_are_refused() -> None:
-    with rig() as each, pytest.raises(DeclarationError, match=r"Cascade\.low, 5\.0, must be below its high, 5\.0"):
+    with rig() as each, pytest.raises(DeclarationError, match=r"Cascade: low 5\.0 must be below high 5\.0"):
         Cascade(each.m.vessel, each.m.inner, low=5.0, high=5.0, gain=1.0)
 
 

@@ -463,4 +463,4 @@ def test_a_law_at_a_rate_of_its_own_is_waited_for(acts: bool) -> None:
         operator.run(700)
         events = [event for event in operator.events if event.command == number]
         told = events[-1].text
-        assert ("its time limit was reached" in told) if acts else ("the law does not act" in told), told
+        assert ("the time limit was reached" in told) if acts else ("the law does not act" in told), told

@@ -303,7 +303,7 @@ class Rig:
     @property
     def reason(self) -> str:
         said = self.words.get(self.valve.inhibited or "", self.valve.inhibited or "")
-        said = said.removeprefix("taken by client: ").replace(" (latched: to be acknowledged)", " (latched)")
+        said = said.removeprefix("taken by client: ").replace(" (latched: acknowledge it)", " (latched)")
         return re.sub(r"the condition '(.*)' cannot be evaluated: .*", r"\1", said)
 
     def rank(self, reason: str) -> Rank:

@@ -416,7 +416,7 @@ def test_a_latched_interlock_inhibits_until_its_condition_has_gone_and_it_was_ac
         assert m.ram.acknowledge() is False  # the door is open still
         put(m.door, PassFail.PASS)
         periods(m, 3)
-        assert (m.ram.inhibited, m.ram.write(1.0)) == ("open (latched: to be acknowledged)", False)
+        assert (m.ram.inhibited, m.ram.write(1.0)) == ("open (latched: acknowledge it)", False)
         assert m.ram.acknowledge() is True
         assert (m.ram.inhibited, m.ram.write(1.0)) == (None, True)
         periods(m)
@@ -441,7 +441,7 @@ def test_what_inhibits_while_connecting_latches_only_if_it_still_does_in_the_fir
             assert m.ram.inhibited == inhibited
             put(m.door, PassFail.PASS)
             periods(m)
-            assert m.ram.inhibited == (inhibited and "open (latched: to be acknowledged)")
+            assert m.ram.inhibited == (inhibited and "open (latched: acknowledge it)")
 
 
 # That stop the program ----------------------------------------------------------------------------------
@@ -710,7 +710,7 @@ def test_a_machine_connects_again_with_its_guards_as_new() -> None:
         (lambda: Interlock(lambda: True, [], "why"), "does not name an actuator"),
         (lambda: Interlock(lambda: True, actuator(), "why"), "a list of objects"),  # type: ignore[arg-type]
         (lambda: Interlock(lambda: True, [sensor()], "why"), "not an actuator"),  # type: ignore[list-item]
-        (lambda: Interlock(lambda: True, [actuator()], " "), "must be a text"),
+        (lambda: Interlock(lambda: True, [actuator()], " "), "must be a string"),
         (lambda: Interlock(lambda: True, [actuator()], "why", effect="warn"), "neither"),  # type: ignore[arg-type]
     ],
 )

@@ -282,7 +282,7 @@ class Pair:
             assert self.boxes[path].get(path) == act.confirmed * scale, path
             reason = next(iter(self.model.reasons(path)), None)
             if reason == "blind" and not self.model.held[reason]:
-                reason = "blind (latched: to be acknowledged)"
+                reason = "blind (latched: acknowledge it)"
             found = re.sub(r"the condition '(\w+)' cannot be evaluated: .*", r"\1", item.inhibited or "")
             assert found == (reason or ""), path
         events = [event for event in self.connection.machine.events if not event.path.startswith("driver ")]

@@ -313,7 +313,7 @@ def test_cleaning_up_that_fails_is_told_and_does_not_end_the_run(rig: Rig) -> No
     rig.periods(1)
     fail_sensor(rig)
     rig.periods(2)
-    assert any("in its cleaning up: RuntimeError: cannot clean up" in text for text in rig.texts)
+    assert any("while cleaning up: RuntimeError: cannot clean up" in text for text in rig.texts)
 
 
 def test_what_cleans_up_cannot_drive_the_actuators_of_equipment_in_fault(rig: Rig) -> None:
@@ -416,7 +416,11 @@ def test_clear_clears_nothing_if_one_of_several_cannot_be_cleared(rig: Rig) -> N
     rig.m.a.cycle.start(failing())
     rig.boxes["of_b"].set("b.thermometer", OSError("the wire is broken"))
     rig.periods(2)
-    with pytest.raises(EquipmentFault, match=r"b is in fault: it cannot be cleared while b.thermometer cannot be read"):
+    with pytest.raises(
+        EquipmentFault,
+        match=r"b is in fault: the fault cannot be cleared while b.thermometer cannot "
+        r"be read",
+    ):
         rig.m.cycle.clear()
     assert rig.m.a.cycle.fault == "no feed"
 

@@ -95,7 +95,7 @@ def test_a_client_that_clears_a_fault_is_told_which_interlocks_still_inhibit_its
         a.hot, a.waits = False, False
         a.cycle.start(failing())
         rig.periods(2)
-        assert rig.do("clear") == ("done", f'"{still} (latched: to be acknowledged)"')
+        assert rig.do("clear") == ("done", f'"{still} (latched: acknowledge it)"')
         assert rig.do("clear", "a.drain") == ("done", '"nothing was in fault"')
         assert rig.do("clear", "b") == ("done", '"nothing was in fault; still inhibited: the lid is open"')
         rig.do("acknowledge", "a")
@@ -120,7 +120,7 @@ def test_an_interlock_that_begins_in_a_fault_is_told_when_the_fault_ends_if_it_s
         a.cycle.clear()
         entries = [ENTRY.unpack_from(journal.buffer, ENTRY.size * number) for number in range(journal.count)]
         noted = [(slot, kind) for slot, kind, *_ in entries]
-        told = "a.heater: inhibited: over-temperature (latched: to be acknowledged)"
+        told = "a.heater: inhibited: over-temperature (latched: acknowledge it)"
         assert rig.texts[-2:] == [told, "a: fault cleared"]
         assert (a.heater._slot, Kind.INTERLOCKED) in noted
         assert (a.stirrer._slot, Kind.INTERLOCKED) not in noted
@@ -188,7 +188,7 @@ def test_a_client_is_told_why_a_fault_cannot_be_cleared() -> None:
         rig.periods(1)
         state, text = rig.do("clear", "a")
         assert state == "refused"
-        assert text == "EquipmentFault: a is in fault: it cannot be cleared while a.thermometer cannot be read"
+        assert text == "EquipmentFault: a is in fault: the fault cannot be cleared while a.thermometer cannot be read"
 
 
 def test_an_action_of_equipment_that_comes_into_fault_ends_and_another_is_refused() -> None:
@@ -565,7 +565,7 @@ def test_automatic_mode_is_refused_while_an_axis_is_in_fault() -> None:
         rig.periods(100)
         state, text = rig.do("mode", value="automatic")
         assert state == "refused"
-        assert "the application cannot go on: x is in fault: x does not follow" in text
+        assert "the application cannot continue: x is in fault: x does not follow" in text
         rig.do("clear", "x")
         assert rig.do("mode", value="automatic")[0] == "done"
 

@@ -17,7 +17,7 @@ from umo.states import OnOff
 
 
 async def spilling() -> None:
-    """It fails in its cleaning up."""
+    """It fails while cleaning up."""
     try:
         await wait(1.0)
     finally:
@@ -80,7 +80,7 @@ def test_a_cleaning_up_that_fails_in_equipment_in_fault_is_told() -> None:
         rig.periods(2)
         fail_law(rig)
         rig.periods(1)
-        assert any("a: in its cleaning up: ValueError: it has spilt" in text for text in rig.texts)
+        assert any("a: while cleaning up: ValueError: it has spilt" in text for text in rig.texts)
 
 
 @pytest.mark.parametrize("inside_first", [True, False])
@@ -184,7 +184,7 @@ def test_an_axis_whose_disable_fails_does_not_keep_the_rest_of_the_equipment_fro
         rig.periods(2)
         assert "the law is broken" in rig.m.a.cycle.fault
         assert task.done
-        assert any("a: in its cleaning up: ValueError: the brake does not answer" in text for text in rig.texts)
+        assert any("a: while cleaning up: ValueError: the brake does not answer" in text for text in rig.texts)
 
 
 def test_a_refused_start_keeps_nothing_while_the_collector_is_off() -> None:

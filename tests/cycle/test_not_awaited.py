@@ -290,7 +290,7 @@ def test_an_observer_that_makes_a_sequence_is_disabled_and_told(caplog: pytest.L
         m._machine.whole.observers.append(lambda frame: m.fill())
         periods(m, 3)
         assert m._machine.whole.observers == []
-    assert "it is a sequence, and nobody awaits it: an observer acts at once" in caplog.text
+    assert "the observer is a sequence, and nothing awaits it: an observer must be a plain function" in caplog.text
 
 
 # What becomes of the run -----------------------------------------------------------------------------

@@ -408,7 +408,9 @@ def test_what_flickers_is_told_of_a_few_times_a_minute_and_counted() -> None:
     counts = [limit.admit(0.1 * number) for number in range(1200)]
     assert [count for count in counts[:600] if count is not None] == [0] * LIMIT_COUNT
     assert [count for count in counts[600:] if count is not None] == [600 - LIMIT_COUNT, *[0] * (LIMIT_COUNT - 1)]
-    assert limited(1.0, "driver box", "is away", 597).text == "is away (597 such events before were left out)"
+    assert limited(1.0, "driver box", "is away", 597).text == (
+        "is away (597 earlier events of this kind were not stored)"
+    )
     assert limited(1.0, "driver box", "is away", 0).text == "is away"
 
 
@@ -494,7 +496,11 @@ def test_a_sensor_that_is_read_alone_has_its_own_time_too() -> None:
     [
         ({"period": None}, "drivers.box.period", "is missing: the time from one transfer to the next"),
         ({"off_cycle": "yes"}, "drivers.box.off_cycle", "must be true or false"),
-        ({"off_cycle": False}, "drivers.box.period", "is for a driver off the cycle: add off_cycle = true"),
+        (
+            {"off_cycle": False},
+            "drivers.box.period",
+            "can only be used with a driver off the cycle: add off_cycle = true",
+        ),
         ({"max_age": "20 ms"}, "drivers.box.max_age", "20 ms is less than the driver's period, 50 ms"),
         ({"period": "fast"}, "drivers.box.period", "fast"),
     ],
@@ -521,7 +527,7 @@ def test_the_timer_is_on_the_cycle() -> None:
     machine = bench()
     wiring = slow(machine, Scripted())
     wiring["drivers"]["clock"] = {"type": wiring["drivers"]["clock"], "off_cycle": True, "period": "1 s"}
-    assert "it is the cycle" in str([mistake.message for mistake in check(machine, wiring)])
+    assert "so the driver cannot be off the cycle" in str([mistake.message for mistake in check(machine, wiring)])
 
 
 def test_drivers_that_share_a_device_are_off_the_cycle_together() -> None:
@@ -530,7 +536,7 @@ def test_drivers_that_share_a_device_are_off_the_cycle_together() -> None:
     wiring["drivers"]["other"] = Board("bus 1")
     wiring["drivers"]["clock"] = Board()
     wiring["wire"]["limit"] = {"driver": "other"}
-    with pytest.raises(WiringError, match="other shares bus 1 with it, and must be off the cycle too"):
+    with pytest.raises(WiringError, match="other shares bus 1 with this driver, and must be off the cycle too"):
         connect(machine, wiring).__enter__()
 
 

@@ -118,7 +118,7 @@ def test_the_command_shows_every_phase(umo: Umo, station: str) -> None:
 def test_the_command_shows_the_whole_machine_only(umo: Umo) -> None:
     result = umo("show", "period", "ztheta", "z")
     assert result.exit_code == 2
-    assert "--period is about the whole machine" in " ".join(result.stderr.split())
+    assert "umo show period shows the whole machine" in " ".join(result.stderr.split())
 
 
 @pytest.mark.parametrize("phase", PHASES, ids=lambda phase: phase.name)

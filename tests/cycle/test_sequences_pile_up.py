@@ -34,10 +34,10 @@ def test_a_sequence_that_is_started_in_each_period_is_told_once_with_its_place()
     with connect(bench(Blinking)) as m:
         periods(m, FEW)
         (text,) = told(m)
-        assert text.startswith(f"{FEW} of sequence Blinking.blink run side by side, and more are started (")
+        assert text.startswith(f"{FEW} of sequence Blinking.blink run at the same time, and more are started (")
         line = Blinking.control.__code__.co_firstlineno + 1
         assert f"test_sequences_pile_up.py:{line} in control" in text
-        assert "start it when the former `task.done`, or cancel that" in text
+        assert "start the next one when `task.done` of the last one is true" in text
         periods(m, 5 * FEW)
         assert told(m) == [text]
 
@@ -45,7 +45,7 @@ def test_a_sequence_that_is_started_in_each_period_is_told_once_with_its_place()
 def test_it_is_said_where_people_see_it(caplog: pytest.LogCaptureFixture):
     with connect(bench(Blinking)) as m:
         periods(m, 2 * FEW)
-    assert sum("run side by side" in record.getMessage() for record in caplog.records) == 1
+    assert sum("run at the same time" in record.getMessage() for record in caplog.records) == 1
 
 
 def test_one_that_ends_before_it_is_started_again_is_not_told():

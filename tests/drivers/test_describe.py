@@ -77,8 +77,8 @@ def test_a_driver_is_described_by_its_docstring_its_options_and_its_functions(um
         "mode: Literal['a', 'b'] = 'a' how it works.",
         "count: int = 3",
         "timeout: duration = 10 periods, at most 1 s time limit of one call of the driver",
-        "channels: known with its options: give them after the name",
-        "functions of its own: channel, watchdog",
+        "channels: known only with the options of the driver: give them after its name",
+        "additional functions: channel, watchdog",
         "It is for tests.",
         "More of it.",
     ):

@@ -27,7 +27,7 @@ def test_a_missing_device_names_those_that_exist(tmp_path: Path) -> None:
 
 
 def test_a_missing_device_without_others_says_so(tmp_path: Path) -> None:
-    assert explained(str(tmp_path / "gpiochip0"), failing(errno.ENODEV)).endswith("there is none of its kind")
+    assert explained(str(tmp_path / "gpiochip0"), failing(errno.ENODEV)).endswith("there is no device of this kind")
     assert similar(str(tmp_path / "nowhere" / "gpiochip0")) == []
 
 

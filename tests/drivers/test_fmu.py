@@ -739,7 +739,7 @@ def test_a_scale_that_differs_from_the_object_in_the_unit_of_the_model_is_a_faul
     wired = wiring(tank_fmu(folder, 2, extra=FLOW.format(unit=unit))).replace("inflow:0.001", f"flow:{scale}")
     [fault] = check(machine(), tomllib.loads(wired))
     assert fault.key == 'wire."inflow"'
-    assert "off that of the circuit, channel flow" in fault.message
+    assert "away from the scale of the circuit, channel flow" in fault.message
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def many(driver, *names):
         ({"sampling_frequency": 0.0}, "sampling_frequency must be in Hz and above 0, not 0.0"),
         ({"sampling_frequency": float("nan")}, "sampling_frequency must be in Hz and above 0"),
         ({"sampling_frequency": "100"}, "sampling_frequency must be in Hz and above 0, not '100'"),
-        ({"sampling_frequency": 100.0}, "sampling_frequency is that of scans: it needs the option trigger"),
+        ({"sampling_frequency": 100.0}, "sampling_frequency is the rate of scans, which need the option trigger"),
         ({"conditioned": ["voltage0"]}, "conditioned lists channels such as 'in_voltage0', not 'voltage0'"),
     ],
 )
@@ -358,7 +358,7 @@ def test_a_scale_that_agrees_with_the_kernels_is_no_fault(sysfs):
 )
 def test_a_scale_that_differs_by_more_than_half_a_step_is_a_fault(sysfs, wrong):
     (fault,) = faults(**wrong)
-    assert "off that of the circuit" in fault.message
+    assert "away from the scale of the circuit" in fault.message
     own = "resolution = 0.001, zero_offset = 0" if "motor" in wrong else "resolution = 0.0005, zero_offset = -0.004"
     assert fault.message.endswith(own)
 

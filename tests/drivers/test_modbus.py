@@ -463,7 +463,7 @@ def test_a_gateway_that_was_to_answer_as_another_unit_and_does_not_is_refused(st
     ("options", "words"),
     [
         ({"answers_as": 256}, "answers_as must be a whole number from 0 to 255, not 256"),
-        ({"answers_as": 0, "serial": "/dev/ttyUSB0"}, "answers_as is for a gateway on TCP"),
+        ({"answers_as": 0, "serial": "/dev/ttyUSB0"}, "answers_as can only be used with a gateway on TCP"),
     ],
 )
 def test_answers_as_is_a_unit_of_a_gateway_on_tcp(options: dict[str, Any], words: str) -> None:

@@ -506,7 +506,7 @@ def test_a_driver_that_is_not_open_transfers_nothing():
 
 def test_the_identity_is_compared_when_the_bus_is_opened():
     chip = Chip(identity={"who": 0x33})
-    with pytest.raises(DriverError, match="who is 0x0 in place of 0x33: no device, or another one"):
+    with pytest.raises(DriverError, match="who is 0x0 in place of 0x33: no device, or another device"):
         chip.open()
     chip.memory[0x0F] = 0x33
     chip.open()

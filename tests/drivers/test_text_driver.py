@@ -460,7 +460,7 @@ def test_a_wiring_is_checked_with_the_key_of_each_fault() -> None:
     assert faults(channels=good, confirm={"query": "E?"}) == [
         "drivers.supply.confirm.query: unknown key; known: ask, answer, terminator, answer_terminator"
     ]
-    assert "voltage.ask: must be a text, not 3" in faults(channels=good | {"voltage": {"ask": 3}})[0]
+    assert "voltage.ask: must be a string, not 3" in faults(channels=good | {"voltage": {"ask": 3}})[0]
     assert "the forms are: voltage" in faults(channels={"voltage": {"ask": "V?"}})[0]
 
 
@@ -470,7 +470,7 @@ def test_a_scale_that_differs_from_the_resolution_is_a_fault_where_the_units_are
     table: dict[str, Any] = {"ask": "V?", "set": "V {}"} | scale
     assert faults(channels={"voltage": table, "output": output}) == []
     [fault] = faults(channels={"voltage": table | {"units": "V"}, "output": output})
-    assert f"the wired scale is up to {off} off that of the circuit, channel voltage" in fault
+    assert f"the wired scale is up to {off} away from the scale of the circuit, channel voltage" in fault
 
 
 def test_a_unit_that_pint_does_not_know_is_a_fault() -> None:
@@ -485,7 +485,7 @@ def test_a_unit_that_pint_does_not_know_is_a_fault() -> None:
         ({"port": "5020"}, "drivers.supply.port: must be a whole number, without quotes, not '5020'"),
         ({"pause": "1"}, "drivers.supply.pause: must be a number, without quotes, not '1'"),
         ({"echo": "true"}, "drivers.supply.echo: must be true or false, without quotes, not 'true'"),
-        ({"terminator": 5}, "drivers.supply.terminator: must be a text, not 5"),
+        ({"terminator": 5}, "drivers.supply.terminator: must be a string, not 5"),
         ({"port": 5020.5}, "drivers.supply.port: must be a whole number, not 5020.5"),
     ],
 )
@@ -660,7 +660,7 @@ def test_a_device_is_not_found_by_an_empty_line_alone() -> None:
 def test_an_empty_line_before_an_answer_is_an_error_that_names_the_option() -> None:
     with (
         device(lambda line: b"\r\n" + plain(line)) as (driver, _),
-        pytest.raises(DriverError, match=r"empty answer is not a number or state; skip_empty_lines = true|unasked"),
+        pytest.raises(DriverError, match=r"empty answer is not a number or state; set skip_empty_lines = true|unasked"),
     ):
         read(driver, "a")
 

@@ -53,7 +53,7 @@ def _source(name: str) -> str:
 def test_the_function_of_python_is_told() -> None:
     assert told_of(6) == (
         "pump/control.py:12: the compiler rejected the C that umo generated from Pump.control, which is a fault of "
-        "umo; write it differently\nmachine.c:6: 'nothing' undeclared"
+        "umo; write this code differently\nmachine.c:6: 'nothing' undeclared"
     )
 
 

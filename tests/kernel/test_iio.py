@@ -283,7 +283,7 @@ def test_a_declaration_that_does_not_fit_the_kernels_scale_is_a_fault(adc: Path)
     (fault,) = check(bench(resolution=1.4e-6), WIRING)
     assert fault.message.endswith("resolution = 1.333e-06, zero_offset = 9.331e-06")
     with (
-        pytest.raises(WiringError, match="off that of the circuit, channel in_voltage0"),
+        pytest.raises(WiringError, match="away from the scale of the circuit, channel in_voltage0"),
         connect(bench(1.4e-6), WIRING),
     ):
         pass

@@ -125,7 +125,7 @@ def test_longer_words_have_the_same_bits_on_the_wire(wire: Wire) -> None:
 
 def test_an_absent_chip_is_found_by_its_identity(wire: Wire) -> None:
     fixed(MISO).pull(1)
-    with pytest.raises(DriverError, match="who is 0xff in place of 0x33: no device, or another one"):
+    with pytest.raises(DriverError, match="who is 0xff in place of 0x33: no device, or another device"):
         opened(registers={"who": {"address": 0x0F, "access": "r"}}, identity={"who": 0x33})
 
 

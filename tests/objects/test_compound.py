@@ -211,7 +211,7 @@ def test_objects_beside_other_things_or_deeper_in_a_list_are_an_error_not_forgot
 
 @pytest.mark.parametrize("parts", [{"a.b": 1}, {1: 2, "1": 3}])
 def test_the_keys_of_parts_make_paths_that_name_one_object_each(parts):
-    with pytest.raises(DeclarationError, match="different texts without dots"):
+    with pytest.raises(DeclarationError, match="different strings without dots"):
         Loose(parts={key: relay() for key in parts})
     assert Loose(parts=parts).parts == parts  # of other things a dict may be as it likes
 

@@ -209,7 +209,7 @@ def test_a_tuned_integer_stays_one_of_any_size(number: int) -> None:
         ({"load": Number("N", tunable=True)}, "number load: the property load cannot be set; it can be shown"),
         ({"label": Number(tunable=True)}, "number label: 'a' is not a number; only numbers are tuned"),
         ({"cooled": Number(tunable=True)}, "number cooled: False is not a number; only numbers are tuned"),
-        ({"label": Number(shown=True)}, "number label: 'a' is a text; only numbers and Enums are shown"),
+        ({"label": Number(shown=True)}, "number label: 'a' is a string; only numbers and Enums are shown"),
         ({"servo": Number()}, "number servo: Servo("),
         ({"gain": "V/mm"}, "number gain: 'V/mm' is not a Number"),
         (lambda m: 3, "numbers of Wrong: must be a mapping of names to Numbers, not 3"),

@@ -87,7 +87,7 @@ def test_the_run_ends_with_file_and_line() -> None:
     with pytest.raises(AttributeError) as raised:
         umo.run(oven(), None, bake)
     line = bake.__code__.co_firstlineno + 1
-    assert "(did you mean 'target'?); a new one gets its first value in the class or in `setup` (" in text_of(
+    assert "(did you mean 'target'?); give a new attribute its first value in the class or in `setup` (" in text_of(
         raised.value
     )
     assert f"test_undeclared_attributes.py:{line} in bake)" in text_of(raised.value)

@@ -167,7 +167,7 @@ def test_a_shelf_ends_by_its_time_and_the_alarm_comes_back(rig: Rig) -> None:
     assert rig.state("full") is S.SHELVED
     rig.periods()
     assert rig.state("full") is S.UNACKNOWLEDGED
-    assert rig.told[-2] == ("full", "normal (high): too full; its shelving time has ended", "")
+    assert rig.told[-2] == ("full", "normal (high): too full; the shelving time has ended", "")
 
 
 def test_a_state_of_an_actuator_and_of_a_sensor(with_alarms: Any) -> None:
@@ -350,7 +350,7 @@ def test_a_machine_without_alarms_has_no_engine() -> None:
         (lambda: Alarm(High("levl", 3.0), "x"), "did you mean 'level'"),
         (lambda: Alarm(High("level", 300.0), "x"), "outside the range of level: 0 to 100"),
         (lambda: Alarm(High("level", 3.0, deadband=4.0), "x"), "limit with its deadband, -1 mm, is outside"),
-        (lambda: Alarm(High("pump", 3.0), "x"), "pump has states, and no limits; use In"),
+        (lambda: Alarm(High("pump", 3.0), "x"), "pump has states and no numbers; use In"),
         (lambda: Alarm(In("level", OnOff.ON), "x"), "level has no states; use High or Low"),
         (lambda: Alarm(In("pump", HighLow.HIGH), "x"), "not a state of pump, which has OnOff: ON, OFF"),
         (lambda: "x", "is not an Alarm"),
@@ -403,7 +403,7 @@ def test_of_an_alarm_that_comes_and_goes_a_few_changes_are_told_and_its_last_sta
     assert len(rig.told) == MOST_OF_ONE + 1
     assert last == (
         "full",
-        f"acknowledged (medium): too full; {401 - MOST_OF_ONE - 1} changes before this one are left out",
+        f"acknowledged (medium): too full; {401 - MOST_OF_ONE - 1} changes before this one are not shown",
         "",
     )
 

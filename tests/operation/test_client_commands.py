@@ -439,7 +439,7 @@ def test_a_command_of_a_client_that_has_died_since_begins_nothing() -> None:
         rig.sign("heater")
         rig.send("write", "heater", 5.0)
         rig.periods()
-        assert rig.last()[1] == "CommandRefused: heater: dead-man timeout: no sign of life from its client for 0.5 s"
+        assert rig.last()[1] == "CommandRefused: heater: dead-man timeout: no heartbeat from its client for 0.5 s"
         assert rig.m.heater.read() == rig.m.heater.default
 
 

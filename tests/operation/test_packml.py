@@ -618,7 +618,7 @@ def test_states_belong_to_equipment() -> None:
             self.unit = PackML(self)
 
     machine = Plain(timer=timer())
-    with pytest.raises(DeclarationError, match="unit: states belong to a part that is equipment"), connect(machine):
+    with pytest.raises(DeclarationError, match="unit: only a part that is equipment can have states"), connect(machine):
         pass
 
 
@@ -812,7 +812,7 @@ def test_what_clients_faults_and_modes_do_together_leaves_nothing_driven_and_can
             finally:
                 odd, self.part.odd = self.part.odd, False
                 if odd:
-                    raise ValueError("in its cleaning up")
+                    raise ValueError("while cleaning up")
 
     machine = Plant(filler=Fragile(motor=actuator(), level=sensor(), states=Driving), timer=timer())
     with connect(machine, wired(machine, Scripted())) as m:

@@ -121,12 +121,12 @@ def test_a_temperature_is_converted_with_its_offset() -> None:
         ({"hold": "2 h"}, "outside"),
         ({"cycles": 1.5}, "not a whole number"),
         ({"rinse": 1}, "must be true or false, not 1"),
-        ({"note": 3}, "must be a text, not 3"),
+        ({"note": 3}, "must be a string, not 3"),
         ({"colour": "BLEU"}, "did you mean 'BLUE'?"),
         ({"amounts": [1.0]}, "must be a list of 2, not of 1"),
         ({"amounts": [1.0, 51.0]}, "outside"),
         ({"amounts": 3.0}, "must be a list, not 3.0"),
-        ({"hold": "20"}, """'20' is not a number in s, or a text such as "1.5 s\""""),
+        ({"hold": "20"}, """'20' is not a number in s, or a string such as "1.5 s\""""),
         ({"temperatur": 3.0}, "unknown key (did you mean 'temperature'?)"),
     ],
 )
@@ -229,7 +229,7 @@ def test_a_range_admits_many_values_if_it_takes_each(values: list[Any], limits: 
 
 def test_what_a_client_sends_has_no_units(book: RecipeBook[Batch]) -> None:
     assert recipe(temperature="86 degF").temperature == pytest.approx(30.0)
-    with pytest.raises(RecipeError, match=r"'86 degF' is not a number in degC; what is sent has no units"):
+    with pytest.raises(RecipeError, match=r"'86 degF' is not a number in degC; a value that is sent must have no unit"):
         book.choose("other", '{"temperature": "86 degF"}')
     book.choose("other", '{"temperature": 30}')
     assert book.next().temperature == 30.0
@@ -303,8 +303,8 @@ def kept_of(connection: Any) -> dict[str, Any]:
     [
         (("b",), "b", ""),
         (("c",), None, "'c' is not one of the program's own, b, z"),
-        (("b", '{"temperature": 41}'), None, "the values of that recipe had been sent by a client; choose it again"),
-        (("trial", '{"temperature": 41}'), None, "the values of that recipe had been sent by a client"),
+        (("b", '{"temperature": 41}'), None, "a client had sent the values of that recipe; choose the recipe again"),
+        (("trial", '{"temperature": 41}'), None, "a client had sent the values of that recipe"),
         ((), None, ""),
     ],
 )

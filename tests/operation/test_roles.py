@@ -45,13 +45,14 @@ def test_a_role_includes_those_before_it(roles: Roles, user: str, role: Role) ->
 def test_the_reason_names_what_is_missing(roles: Roles) -> None:
     assert (
         allowed(roles, "bob", "shelve")
-        == "bob may operate; shelve needs the role maintain in [users] of roles.toml (docs/security.md)"
+        == "bob has the role operate; shelve needs the role maintain in [users] of roles.toml (docs/security.md)"
     )
     assert allowed(roles, "", "tune") == (
-        "a user without a name may see; tune needs the role tune in [users] of roles.toml (docs/security.md)"
+        "a user without a name has the role see; tune needs the role tune in [users] of roles.toml (docs/security.md)"
     )
     assert roles.refusal(Caller("epics", "ann"), "tune") == (
-        "ann, unverified, may see; tune needs the role tune: epics in [unverified] of roles.toml (docs/security.md)"
+        "ann, unverified, has the role see; tune needs the role tune: epics in [unverified] of roles.toml "
+        "(docs/security.md)"
     )
 
 

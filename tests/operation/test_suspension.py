@@ -387,7 +387,7 @@ def test_an_application_does_not_go_on_while_an_actuator_that_it_needs_is_inhibi
         refused = ann.mode("automatic")
         assert refused.state is CommandState.REFUSED
         assert refused.text == (
-            "CommandRefused: the application cannot go on: spindle is inhibited: the door is open; or stop the run"
+            "CommandRefused: the application cannot continue: spindle is inhibited: the door is open; or stop the run"
         )
         assert (ann.clients.mode, m.spindle.read(), m.clamp.read()) == (Mode.MANUAL, 0.0, OnOff.ON)
         put(m.door, PassFail.PASS)
@@ -577,7 +577,7 @@ def test_a_second_change_to_automatic_mode_is_refused_until_the_first_has_ended(
         begun = ann.mode("automatic")
         again = ann.mode("automatic")
         assert again.state is CommandState.REFUSED
-        assert again.text == "CommandRefused: the change to automatic mode has begun, and has not ended"
+        assert again.text == "CommandRefused: the change to automatic mode has not ended yet"
         ann.run(20)
         assert [each.state for each in ann.events if each.command == begun.command][-1] is CommandState.DONE
         assert ann.mode("automatic").state is CommandState.DONE

@@ -133,7 +133,7 @@ def test_every_way_has_the_same_answers(name: str, mode: Mode) -> None:
                 continue
             if way.takes_lease and role < Role.TUNE:
                 assert ROLE.search(text), verb.name
-            told = expected[verb].replace("bob may", "bob, unverified, may")
+            told = expected[verb].replace("bob has", "bob, unverified, has")
             assert reason(text) == reason(told), (role, verb.name)
 
 

@@ -552,7 +552,7 @@ def test_host_and_port_are_for_one_box(umo: Callable[..., Result], tank: Path) -
     change(file, "[wire]", f"{SECOND}\n[wire]")
     result = umo("device", "plant", "tank", "--port", "0")
     assert result.exit_code == 2
-    assert "--host and --port are for a wiring of one box; this one has 2: box, second" in said(result)
+    assert "--host and --port need a wiring with one box; this wiring has 2: box, second" in said(result)
 
 
 def test_an_exception_of_the_plant_is_a_line_with_its_place(umo: Callable[..., Result], tank: Path) -> None:

@@ -202,7 +202,10 @@ def test_a_driver_that_is_away_and_was_tried_is_named_and_told_only_where_it_was
     frames["missed"][20], frames["phases"][19][1], frames["execution"][19] = 3, 3 * MS, 3 * MS + 20_000
     assert "try io" in split(frames, layout)
     verdict = Evidence(frames, layout).explain(20)
-    assert (verdict.cause, verdict.text) == (Cause.DRIVER, "driver io took 3 ms (it is away, and was tried)")
+    assert (verdict.cause, verdict.text) == (
+        Cause.DRIVER,
+        "driver io took 3 ms (the driver is away, and umo looked for its device)",
+    )
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from umo.process.outcome import message_of
 from umo.system import descriptors
 from umo.system.descriptors import NEEDED, TooFewDescriptors
 
-ADVICE = "`ulimit -n 1024` in a new terminal, then start it there (of a service: LimitNOFILE=1024)"
+ADVICE = "run `ulimit -n 1024` in a new terminal, and start the run there (for a service set LimitNOFILE=1024)"
 
 
 @pytest.mark.parametrize("allowed", [8, 12, 16, 24, 32, NEEDED - 1])
@@ -55,7 +55,7 @@ def test_umo_run_with_few_descriptors_ends_with_that_as_a_mistake(tmp_path: Path
         [sys.executable, "-c", script, *words], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode == 2, done.stderr
-    assert "24 are allowed here: `ulimit -n 1024`" in done.stderr
+    assert "24 are allowed here: run `ulimit -n 1024`" in done.stderr
     assert not (tmp_path / "runs").exists()
 
 

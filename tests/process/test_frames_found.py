@@ -304,7 +304,7 @@ def test_a_server_gives_nothing_to_another_user(monkeypatch: pytest.MonkeyPatch)
     with running() as (_, ring, _connection):
         monkeypatch.setattr("umo.process.frames.frame_server._maker_and_user", lambda connection: (0, os.getuid() + 1))
         monkeypatch.setattr("umo.process.frames.frame_server.ROOT", -1)
-        with pytest.raises(FramesError, match=r"is another user's \(uid "):
+        with pytest.raises(FramesError, match=r"belongs to another user \(uid "):
             Reader(ring.path)
         monkeypatch.setattr("umo.process.frames.frame_server.ROOT", os.getuid())
         monkeypatch.setattr(

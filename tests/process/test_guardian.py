@@ -260,7 +260,7 @@ def test_a_guardian_that_is_stopped_is_noticed_and_the_machine_stops_by_itself(t
     os.kill(run.guardian, signal.SIGSTOP)
     outcome = run.outcome()
     assert outcome.failure is not None
-    assert "no sign of life from the guardian for " in outcome.failure.message
+    assert "no heartbeat from the guardian for " in outcome.failure.message
     assert (outcome.status, outcome.unsafe) == (1, True)
     assert_safe(cells)
     assert len(standing()) == 1
@@ -508,14 +508,14 @@ def test_a_hang_is_noticed_also_by_a_guardian_whose_looks_come_late(
     time, life = Time(monkeypatch), RunState()
     life.enter(Stage.RUNNING)
     hung, late = time.hung_after(HangDetector(life, IDLE, 0.1, 0.001), every)
-    assert hung == "hung: no sign of life for 100 ms while running"
+    assert hung == "hung: no heartbeat for 100 ms while running"
     assert late == pytest.approx(after)
 
 
 @pytest.mark.parametrize(
     ("part", "after", "what"),
     [
-        (0.4, 0.16, "hung: no sign of life for 100 ms while running"),  # 0.1 s in which it could run
+        (0.4, 0.16, "hung: no heartbeat for 100 ms while running"),  # 0.1 s in which it could run
         (0.9, 0.32, "was kept from running for 0.27 s while running: press (pid 12) had core 1"),  # three times 0.1 s
     ],
 )

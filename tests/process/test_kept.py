@@ -176,10 +176,10 @@ def test_each_value_that_is_not_taken_is_an_event_and_the_first_ones_are_said() 
     connection.kept = entries(**{f"old_{number}": 1 for number in range(7)})
     with connection:
         said = list(kept_values.tell(connection))
-        events = [event for event in connection.machine.events if "its kept value is not taken" in event.text]
+        events = [event for event in connection.machine.events if "the kept value is not used" in event.text]
     assert [event.path for event in events] == [f"old_{number}" for number in range(7)]
-    assert said[0].startswith("the kept value of old_0 is not taken: there is no kept number with this name")
-    assert (len(said), said[-1]) == (6, "2 more kept values are not taken: the events of the run name them")
+    assert said[0].startswith("the kept value of old_0 is not used: there is no kept number with this name")
+    assert (len(said), said[-1]) == (6, "2 more kept values are not used: the events of the run name them")
 
 
 def test_the_values_that_a_run_begins_with_are_said() -> None:

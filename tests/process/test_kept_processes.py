@@ -172,7 +172,7 @@ def test_a_torn_file_costs_its_values_and_stays_under_another_name(tmp_path: Pat
     file().write_bytes(torn)
     run = start(tmp_path, "count")
     assert run.outcome().result == 0
-    assert any("are lost: it is incomplete" in text for text in run.notices)
+    assert any("are lost: the file is incomplete" in text for text in run.notices)
     assert [path.read_bytes() for path in file().parent.glob("*.aside-*")] == [torn]
     assert_one_moment(kept())
 

@@ -146,7 +146,7 @@ def test_a_call_in_c_that_never_returns_and_looks_at_no_signal_is_ended_by_the_g
     outcome = Run(wiring, "never_returns_in_c").outcome()
     assert (outcome.status, outcome.unsafe, outcome.unreached) == (1, True, [])
     assert outcome.failure is not None
-    assert "hung: no sign of life for 100 ms while running" in outcome.failure.message
+    assert "hung: no heartbeat for 100 ms while running" in outcome.failure.message
     assert_safe(cells)
 
 
@@ -158,7 +158,7 @@ def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(
     outcome = Run(wiring, "loop_at").outcome()
     assert outcome.status == 1
     assert outcome.failure is not None
-    assert "hung: no sign of life for 100 ms while running" in outcome.failure.message
+    assert "hung: no heartbeat for 100 ms while running" in outcome.failure.message
     assert re.search(r"running \(at \d+\.\d+ s, \S*process_box\.py:\d+ in loop_at\)", outcome.failure.message)
     assert_safe(cells)
 
@@ -220,7 +220,7 @@ def test_what_survives_its_starter_says_on_stderr_how_the_run_ended(
     run.channel.close()
     run.until_all_ended()
     (line,) = [line for line in capfd.readouterr().err.splitlines() if "umo:" in line]
-    assert line.startswith("umo: Machine: the process that started it is gone; ")
+    assert line.startswith("umo: Machine: the process that started the run has ended; ")
     assert text in line
     assert ("; the guardian reset every actuator" in line) is (killed == "control")
     assert_safe(cells)
@@ -336,7 +336,7 @@ def test_outputs_that_the_control_process_could_not_reach_are_tried_by_the_guard
         ({"machine": "helpers.process_box:nothing"}, "cannot be imported"),
         ({"machine": "helpers.process_box:OUTPUTS"}, "is not a function"),
         ({"station": "zteta", "machine": None}, "did you mean 'ztheta'"),
-        ({"wiring": {"wire": {}}}, "mistakes in the wiring"),
+        ({"wiring": {"wire": {}}}, "errors in the wiring"),
         ({"options": {"nonsense": 1}}, "--nonsense"),
     ],
 )

@@ -202,7 +202,7 @@ def test_two_stations_that_loop_for_ever_do_not_end_a_third(tmp_path: Path) -> N
     third = start("third", "forever")
     ended: list[Outcome] = [run.outcome() for run in [start("first", "loop_at"), start("second", "loop_at")]]
     for outcome in ended:
-        assert "hung: no sign of life for 400 ms while running" in str(outcome.failure)
+        assert "hung: no heartbeat for 400 ms while running" in str(outcome.failure)
         assert outcome.unreached == []
     assert Cells(tmp_path / "third").levels == {"motor": 500, "valve": 1}
     third.channel.send("stop")

@@ -208,7 +208,7 @@ def test_guardian_and_control_process_stopped_together_are_ended_and_reset(tmp_p
         os.kill(pid, signal.SIGSTOP)
     outcome = run.outcome()
     assert outcome.failure is not None
-    assert "hung: no sign of life for 200 ms while running (it was stopped by a signal)" in outcome.failure.message
+    assert "hung: no heartbeat for 200 ms while running (it was stopped by a signal)" in outcome.failure.message
     assert "standby guardian reset every actuator" in outcome.failure.message
     assert_safe(cells)
 
@@ -345,7 +345,7 @@ def test_a_standby_guardian_says_on_stderr_how_the_run_ended_where_nobody_else_i
     run.until_all_ended()
     (line,) = [line for line in capfd.readouterr().err.splitlines() if "umo:" in line]
     assert line.startswith(
-        "umo: Machine: the process that started it is gone; the guardian was lost; the control process "
+        "umo: Machine: the process that started the run has ended; the guardian was lost; the control process "
     )
     assert "; the standby guardian reset every actuator; inspect the machine" in line
     assert_safe(cells)

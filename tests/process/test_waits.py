@@ -128,7 +128,7 @@ def test_nobody_waits_for_a_process_to_begin_when_the_control_process_has_died(m
     os.kill(control, signal.SIGKILL)
     os.waitpid(control, 0)
     monkeypatch.setattr(RunState, "hold", lambda state, who: signal.pause())
-    with pytest.raises(OSError, match="the machine is to be reset"):
+    with pytest.raises(OSError, match="the machine must be reset"):
         state.fork(Who.STANDBY)
 
 
@@ -139,7 +139,7 @@ def test_a_keeper_that_is_stopped_as_it_begins_is_told_and_tried_again(
     said: list[str] = []
     Keeper(tmp_path / "kept.json", Mock(), RunState(), said.append)._fork(Mock())
     why = "a process that was forked was stopped by a signal before it had begun"
-    assert said == [f"nothing is kept: {why}; it is tried again"]
+    assert said == [f"nothing is kept: {why}; umo tries again"]
 
 
 def stop_those_that_begin(monkeypatch: pytest.MonkeyPatch, who: Who, when: Path) -> None:
@@ -284,7 +284,7 @@ def test_the_history_of_alarms_waits_for_no_writer_that_is_stopped(
 ) -> None:
     monkeypatch.setattr(alarm_file, "LOCK_TIMEOUT", 0.02)
     file, record = tmp_path / "alarms.jsonl", alarm_file.AlarmRecord(1.0, 1.0, "worn", "returned", "")
-    with held_by_a_stopped_process(file), pytest.raises(OSError, match="other users may write to it"):
+    with held_by_a_stopped_process(file), pytest.raises(OSError, match="other users can write to it"):
         alarm_file.append(file, [record])
     alarm_file.append(file, [record])
     assert alarm_file.read(file) == [record]
@@ -380,7 +380,7 @@ def test_a_recorder_that_is_stopped_keeps_a_run_neither_from_beginning_nor_from_
         until(lambda: processes.ProcessHandle(process.pid).is_stopped)
     assert process.returncode == -signal.SIGKILL
     assert not beside.complete
-    assert "the recorder has ended (signal 9); what it had not written is lost" in capsys.readouterr().err
+    assert "the recorder has ended (signal 9); the data that it had not written are lost" in capsys.readouterr().err
 
 
 # What waits in src/umo ---------------------------------------------------------------------------------------

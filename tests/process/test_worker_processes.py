@@ -206,7 +206,7 @@ def test_the_outputs_of_a_worker_that_died_go_to_their_defaults_at_once_however_
         deaths.initialize()
     assert [hold for _, hold in deaths.forked[1:]] == [0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0, 5.0]
     assert deaths.said[-1].endswith(
-        "was killed (SIGKILL); its outputs are brought to their defaults, where they stay for 5 s"
+        "was killed (SIGKILL); its outputs are set to their defaults, where they stay for 5 s"
     )
     assert deaths.die(STABLE_TIME + 1.0) == 0.0
     assert deaths.forked[-1][1] == 0.0

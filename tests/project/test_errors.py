@@ -40,7 +40,7 @@ MADE: list[UmoError] = [
     Interlocked("spindle", "the door is open"),
     ChannelError("dax:0", ["dac:N", "adc:N"]),
     ChannelsFailed({"dac:0": TimeoutError("no answer"), "dac:1": "short circuit"}),
-    WiringError("1 mistake in the wiring", [Mistake("box.toml", "wire.z", "is not wired")]),
+    WiringError("1 error in the wiring", [Mistake("box.toml", "wire.z", "is not wired")]),
     DriverError("could not be sent", [FAILURE]),
     DeviceTimeout("no answer within 10 ms", [FAILURE]),
     StopError("not brought to their defaults", [FAILURE]),

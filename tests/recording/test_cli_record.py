@@ -65,7 +65,10 @@ def test_without_a_file_the_recording_is_in_the_folder_of_the_run(umo: Umo) -> N
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--record", "is.mcap"), "--record is.mcap: there is such a file already; a recording never overwrites one"),
+        (
+            ("--record", "is.mcap"),
+            "--record is.mcap: this file exists already, and a recording never overwrites a file",
+        ),
         (("--record", "no/x.mcap"), "--record no/x.mcap: there is no folder no"),
         (("--last", "fast"), "invalid value for '--last': 'fast' is not a duration"),
         (("--last", "1 ms"), "the command line: record.last: 0.001 is less than 1 s"),
@@ -125,7 +128,8 @@ def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypa
     monkeypatch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
     result = umo("run", "conveyor", "--until", "5", "--no-record", "--record", "run.mcap")
     told = result.stderr.replace("\n", " ")
-    assert "the record ends here, the machine runs on: run.mcap: " in told and "No space left on device" in told
+    assert "the recording ends here, and the machine continues: run.mcap: " in told
+    assert "No space left on device" in told
     assert "ended at 5 s" in told and result.exit_code == 4
     with Recording("run.mcap") as recording:
         assert not recording.ended and not recording.gaps
@@ -142,13 +146,13 @@ def test_what_a_flight_recorder_has_stays_when_its_disk_is_full(
         patch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
         words = ("--no-record", "--record", "x.mcap", "--last", "1 min")
         told = umo("run", "conveyor", "--until", "5", *words).stderr.replace("\n", " ")
-    begun = "the record ends here, the machine runs on" in told
+    begun = "the recording ends here, and the machine continues" in told
     assert begun is ("nothing is recorded: x.mcap" not in told) is (room == 45_000)
-    assert begun is ("its files stay: umo recording save conveyor" in told)
+    assert begun is ("the files of the flight recorder remain; umo recording save conveyor" in told)
     assert len(flight_folder.all_folders()) == begun
     if begun:
         monkeypatch.setattr(FlightFolder, "is_written", False)
-        assert "its recorder has ended" in umo("recording", "save", "conveyor", "saved.mcap").stdout
+        assert "the recorder has ended" in umo("recording", "save", "conveyor", "saved.mcap").stdout
         with Recording("saved.mcap") as recording:
             assert recording.is_whole and len(recording.frames()) > 100
 
@@ -224,7 +228,7 @@ def test_a_flight_recorder_beside_a_running_station_leaves_nothing_when_it_is_st
     result = umo("recording", "make", "press", "run.mcap", "--last", "1 min")
     told = result.stdout.replace("\n", " ")
     assert "keeps the last 60 s of press (rig)" in told and "umo recording save press" in told
-    assert "has ended before the run, and leaves nothing" in result.stderr.replace("\n", " ")
+    assert "ended before the run, and saved nothing" in result.stderr.replace("\n", " ")
     assert result.exit_code == 0 and not list(Path().glob("*.mcap")) and not flight_folder.all_folders()
 
 
@@ -305,7 +309,7 @@ def test_a_recorder_that_does_not_end_after_the_run_is_ended_in_true_words(
     with RecordBeside(RecordOrder(Path("x.mcap"), {}), patient) as beside:
         pass
     told = capfd.readouterr().err.replace("\n", " ")
-    assert "the recorder has ended (signal 9); what it had not written is lost" in told
+    assert "the recorder has ended (signal 9); the data that it had not written are lost" in told
     assert "runs on" not in told and not beside.complete
 
 

@@ -177,7 +177,7 @@ def test_umo_info_export_and_plot_tell_what_they_did(umo: Umo, recorded: Path) -
 
 def test_a_file_in_the_place_of_a_path_is_told_the_option_for_it(umo: Umo, recorded: Path) -> None:
     told = umo("recording", "export", str(recorded), "out.csv", "--out", "run.csv").stderr
-    assert "out.csv is no path of the machine; the file to write is given by --out out.csv" in told
+    assert "out.csv is not a path of the machine; to write a file, give --out out.csv" in told
 
 
 def test_what_is_no_recording_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:

@@ -296,8 +296,8 @@ def test_a_reason_says_what_to_write(conveyor: MemoryTape, trap: Path) -> None:
         assert len(str(caught.value).splitlines()) == 1
         return str(caught.value)
 
-    assert reason(of_a_folder).endswith(f"(it was in {trap}): code is taken from the command line only, so add the "
-                                        "station's folder")  # fmt: skip
+    assert reason(of_a_folder).endswith(f"(it was in {trap}). umo runs only code that the command line names: add the "
+    f"folder of the station")  # fmt: skip
     assert reason(of_a_script).endswith("add trap.py:machine:main")
     assert "the code 'trap_driver:Driver'" in reason(with_a_driver) and "--wiring NAME|FILE" in reason(with_a_driver)
     assert "names a file (model = " in reason(with_a_model)
@@ -314,14 +314,14 @@ def test_other_code_is_told(conveyor: MemoryTape, tmp_path: Path) -> None:
     assert Program.of(conveyor, given).code == "", "no run has read it"
     with (copy / "control.py").open("a") as file:
         file.write("\n# another\n")
-    assert Program.of(conveyor, given).code == "the code is another than that of the recorded run (control.py)"
+    assert Program.of(conveyor, given).code == "the code differs from the code of the recorded run (control.py)"
 
 
 def test_code_that_was_not_hashed_is_not_told_as_the_same(conveyor: MemoryTape) -> None:
     """Of umo 0.2."""
     job = {name: value for name, value in conveyor.job.items() if name != "sources"}
     told = Program.of(MemoryTape(conveyor.layout, job)).code
-    assert told.startswith("whether the code is that of the recorded run is not known")
+    assert told.startswith("it is not known whether the code is the code of the recorded run")
 
 
 def test_files_outside_of_the_folder_of_the_code_are_not_looked_at(
@@ -476,7 +476,7 @@ async def main(m):
 
 def test_a_station_is_named_for_the_twin_of_a_recording_alone(umo: Umo, trap: Path) -> None:
     done = umo("show", "page", "conveyor", "--station", "conveyor")
-    assert done.exit_code == 2 and "--station is for a recording" in done.stderr, done.output
+    assert done.exit_code == 2 and "--station can only be used with a recording" in done.stderr, done.output
 
 
 def test_the_twin_of_a_recording_is_that_of_the_named_station(conveyor: MemoryTape, trap: Path) -> None:

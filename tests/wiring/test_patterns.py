@@ -111,7 +111,11 @@ def test_a_pattern_of_a_file_is_the_same(tmp_path: Path) -> None:
     [
         ({"zones.*.heatre": {"driver": "box"}}, "zones.*.heatre", "no object of the machine matches (did you mean"),
         ({"*.heater": {"driver": "box"}}, "*.heater", "no object of the machine matches"),
-        ({"zones.1.fan": {"driver": "simulated", "start": 1}}, "zones.1.fan", "is for patterns such as 'zones.*.fan'"),
+        (
+            {"zones.1.fan": {"driver": "simulated", "start": 1}},
+            "zones.1.fan",
+            "can only be used with patterns such as 'zones.*.fan'",
+        ),
         ({"doors.*": {"driver": "simulated", "stride": 2}}, "doors.*", "numbers the channel, which has no {}"),
         ({"*.in": {"driver": "simulated"}}, "*.in", "doors.in is wired by 'doors.*' as well"),
         ({"zones.*.fan": {"driver": "box", "channel": "register:{}", "start": 1.5}}, "zones.*.fan", "a whole number"),

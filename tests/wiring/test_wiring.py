@@ -702,7 +702,7 @@ def test_all_faults_in_one_run_each_with_file_and_key(tmp_path):
         "driver", "drivers.card.histroy", 'wire."timer".period', 'wire."motor".chanel', 'wire."encoder".maximum',
         'wire."valve"', 'wire."limit"', 'wire."limitt"', 'wire."limitt".driver', "parameters.'gain'",
     ])  # fmt: skip
-    with pytest.raises(WiringError, match="10 mistakes in the wiring") as caught:
+    with pytest.raises(WiringError, match="10 errors in the wiring") as caught:
         connect(bench(), path).__enter__()
     assert all(str(fault) in str(caught.value) for fault in found)
 

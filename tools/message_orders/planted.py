@@ -150,7 +150,7 @@ PLANTED: Sequence[Planted] = (
         "if not command.number or self._forget(command.number):",
         "if not command.number or (self._forget(command.number) and False):"),
     InFleet("what was not answered is done", "mirror_commands.py",
-        '{"error": "no answer: whether the command was carried out is not known", "kind": "TaskFailed"}',
+        '{"error": "no answer: it is not known whether the command was carried out", "kind": "TaskFailed"}',
         '{"result": 1}'),
     InFleet("no answer after an answer", "mirror_commands.py",
         "            if not wait[1]:\n", "            if True:\n"),

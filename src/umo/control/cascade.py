@@ -38,7 +38,7 @@ class Cascade(PID):
         super().check_settings()
         check_numbers(self, finite=("low", "high"))
         if not self.low < self.high:
-            raise DeclarationError(f"Cascade.low, {self.low!r}, must be below its high, {self.high!r}")
+            raise DeclarationError(f"Cascade: low {self.low!r} must be below high {self.high!r}")
 
     @property
     def numbers(self) -> Mapping[str, Number]:

@@ -117,7 +117,7 @@ class LoopExperiments:
                     began = began if began != not_begun else self._part.now
                     self._part.cycle.progress(self._excitation.progress)
                     if self._part.now - began > duration:
-                        self._ended = "its time limit was reached"
+                        self._ended = "the time limit was reached"
         finally:
             self.end()
         if self._failed:

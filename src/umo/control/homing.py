@@ -77,7 +77,9 @@ class IndexPulse:
         if abs(at_stop - self.stop) <= self.tolerance and self.direction * (self.index - here) > 0:
             return
         if abs(here - at_stop) <= STANDSTILL_SHARE * axis.stall:
-            raise HomingError(f"{axis._path} does not move, or its encoder is dead: the count stood still both ways")
+            raise HomingError(
+                f"{axis._path} does not move, or its encoder is dead: the count did not change in either direction"
+            )
         raise HomingError(
             f"{axis._path} found no index pulse: the encoder read {measure(at_stop, units)} at the stop, "
             f"then {measure(here, units)}"

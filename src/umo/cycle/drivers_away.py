@@ -42,7 +42,7 @@ class DriverAway:
         end has one, too."""
 
     def refusal(self) -> NotCalled:
-        return NotCalled(f"it is away: {self.cause}")
+        return NotCalled(f"the driver is away: {self.cause}")
 
 
 class DriversAway(NobodyAway):

@@ -30,8 +30,8 @@ from umo.objects.sensors import Sensor
 from umo.text import in_a_line, some
 from umo.user_code import is_interrupt
 
-CLEANING_UP = "in its cleaning up: "
-"""The beginning of the text of an event about an error in a sequence or motion that a fault has ended."""
+CLEANING_UP = "while cleaning up: "
+"""The first words of the event about an error in a sequence or motion that a fault has ended."""
 
 
 class EquipmentState(IntEnum):
@@ -302,7 +302,7 @@ class Containment:
         self._read_slow([slot for equipment in found for slot in equipment.slots])
         for equipment in found:
             if unread := [self._image.items[slot].path for slot in equipment.slots if self._is_unread(slot)]:
-                why = f"it cannot be cleared while {some(unread)} cannot be read{self._absent(equipment)}"
+                why = f"the fault cannot be cleared while {some(unread)} cannot be read{self._absent(equipment)}"
                 raise EquipmentFault(equipment.path, why)
         failures = {each: failure for each in found if (failure := self._initialize(each)) is not None}
         cleared = [each for each in found if not any(around in failures for around in self.around(each.compound))]

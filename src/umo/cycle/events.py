@@ -86,7 +86,7 @@ class EventLimit:
 def limited(time: float, path: str, text: str, left_out: int) -> Event:
     """Return an event that an `EventLimit` has admitted, with the number of events that the limit has left out
     before."""
-    return Event(time, path, f"{text} ({left_out} such events before were left out)" if left_out else text)
+    return Event(time, path, f"{text} ({left_out} earlier events of this kind were not stored)" if left_out else text)
 
 
 class Event(NamedTuple):
@@ -190,7 +190,7 @@ class Events(Sequence[Event]):
                 self._waiting.append(note)
         self._spare -= count
         time = self._kept[-1].time if self._kept else 0.0
-        text = f"{count:,} events were left out: more than {EVENTS_PER_PERIOD} came in a period"
+        text = f"{count:,} events were not stored: there were more than {EVENTS_PER_PERIOD} in one period"
         self._take(Note(Event(time, "", text), True, False, True))
 
     def _take_all(self) -> None:

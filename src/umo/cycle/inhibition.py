@@ -97,7 +97,7 @@ def _reason(interlock: Interlock, holds: Any) -> str | None:
 
 def latched(interlock: Interlock) -> str:
     """Return the reason of a latched interlock whose condition is false again."""
-    return f"{interlock.reason} (latched: to be acknowledged)"
+    return f"{interlock.reason} (latched: acknowledge it)"
 
 
 def unevaluated(interlock: Interlock) -> str:

@@ -238,7 +238,7 @@ def _text(coroutine: Any, origin: CodePlace, frame: FrameType | None) -> str:
     name, code = coroutine.__name__, coroutine.cr_code
     if is_own(origin.file):  # umo has called what it takes for a plain function
         place = shown_place(CodePlace(code.co_filename, code.co_firstlineno, "<module>"))
-        return f"{place}: `{name}` is a sequence, and what calls it does not wait: write `def {name}`"
+        return f"{place}: `{name}` is a sequence, but its caller does not wait: write `def {name}`"
     call = _call_in(linecache.getline(origin.file, origin.line), name)
     told = forgotten(call, origin.function, in_sequence=_is_in_sequence(origin, frame))
     return f"{shown_place(origin)}: {told}"

@@ -52,7 +52,7 @@ PHASES = (
         LISTED, "cycle/guards, image"),
     PeriodPhase(SAMPLE, "RECEIVE", "check the ages of the values from drivers off the cycle", UNREAD,
         "cycle/off_cycle"),
-    PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the machine; those of all rates, if nobody calls `update`",
+    PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the machine; those of all rates, if nothing calls `update`",
         UNREAD, "cycle/image, readings"),
     PeriodPhase(SAMPLE, "GUARD", "evaluate interlocks (a condition that raises holds) and expiries; send the "
         "defaults that asynchronous actuators still need", LISTED, "cycle/guards, inhibition"),

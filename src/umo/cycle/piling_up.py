@@ -48,8 +48,8 @@ class PilingUp:
         self._told.add(code)
         place = place_among((at.f_code.co_filename, line, at.f_code.co_name) for at, line in _stack())
         return (
-            f"{len(found):,} of {task.name} run side by side, and more are started ({place}): "
-            "start it when the former `task.done`, or cancel that"
+            f"{len(found):,} of {task.name} run at the same time, and more are started ({place}): start the next one "
+            f"when `task.done` of the last one is true, or cancel the last one"
         )
 
 

@@ -116,7 +116,7 @@ def _sequence_of(application: Application[C], m: C, options: Mapping[str, Any]) 
     if not isinstance(sequence, Coroutine):
         name = getattr(function, "__name__", "it")
         why = "there is a `yield` in it" if isasyncgen(sequence) else f"write `async def {name}`"
-        raise DeclarationError(f"{name} is not a sequence, as an application is: {why}{place}")
+        raise DeclarationError(f"{name} is not a sequence, but an application must be one: {why}{place}")
     return sequence
 
 

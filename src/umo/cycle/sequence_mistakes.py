@@ -42,7 +42,7 @@ def no_machine(application: Any) -> str:
     if given and given[0].kind not in (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.VAR_KEYWORD):
         return ""
     name = getattr(application, "__name__", "it")
-    return f"{name} takes no machine, as an application does: write `async def {name}(m)`"
+    return f"{name} has no parameter for the machine: write `async def {name}(m)`"
 
 
 def meant_await(error: BaseException) -> str:
@@ -68,7 +68,7 @@ def instead_of_sequence(given: object) -> str:
     if inspect.isasyncgen(given):
         return f"{given.__name__}() is not a sequence, as there is a `yield` in it"
     if isinstance(given, list | tuple | set | frozenset | Generator):
-        return f"a {type(given).__name__} is not a sequence; several are given by a star: `together(*sequences)`"
+        return f"a {type(given).__name__} is not a sequence; give several with a star: `together(*sequences)`"
     return f"{cut_repr(given)} is not a sequence; call an `async def` function"
 
 
@@ -83,14 +83,16 @@ def check_condition(function: str, condition: object) -> None:
         instead = _instead(function, condition, source)
         if isinstance(condition, CoroutineType):
             condition.close()  # it is told here that nobody awaits it
-        raise TypeError(f"{function}() takes a function, which it asks in every period; {instead}")
+        raise TypeError(f"{function}() takes a function, which it calls in every period; {instead}")
     name = getattr(condition, "__name__", "the condition")
     if inspect.iscoroutinefunction(condition):
-        raise TypeError(f"{function}() asks a condition, which answers at once; {name} is a sequence: `def {name}`")
+        raise TypeError(
+            f"{function}() needs a condition that answers immediately, but {name} is a sequence: `def {name}`"
+        )
     item = getattr(condition, "__self__", None)
     if isinstance(item, Atomic):
         source = (_first_argument(function, sys._getframe(1).f_back) or f"{item.path}.{name}").removesuffix(".read")
-        raise TypeError(f"{function}() asks a condition, which is true or false: {_compared(function, item, source)}")
+        raise TypeError(f"{function}() needs a condition that is true or false: {_compared(function, item, source)}")
 
 
 def _compared(function: str, item: Atomic, source: str) -> str:
@@ -112,7 +114,7 @@ def _instead(function: str, given: object, source: str) -> str:
         compared = f"{name} is {shown(given)}"
         return f"`{name}` was read once, before, and gave {given}: write `{function}(lambda: {compared})`"
     if source and not isinstance(given, type):
-        once = f"`{source}` was worked out once, before, and gave {cut_repr(given)}"
+        once = f"`{source}` was evaluated once, before, and gave {cut_repr(given)}"
         return f"{once}: write `{function}(lambda: {source})`"
     return f"{cut_repr(given)} is none: write `{function}(lambda: ...)`"
 

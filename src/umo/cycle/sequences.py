@@ -213,7 +213,7 @@ class timeout(AsyncBlock):
     async def __aenter__(self) -> timeout:
         task = await own_task("timeout()")
         if self._task is not None:
-            raise TaskFailed("a timeout() that is in use was used once more; make one for each block")
+            raise TaskFailed("a timeout() was used again while it was in use; create one for each block")
         self._task, self._passed, self._expiry = task, 0.0, None
         self._task.limits.append(self)
         return self

@@ -79,4 +79,4 @@ def _as_sequence(result: object) -> Raised | None:
     if not iscoroutine(result):
         return None
     result.close()
-    return Raised(NotAwaited, "it is a sequence, and nobody awaits it: an observer acts at once")
+    return Raised(NotAwaited, "the observer is a sequence, and nothing awaits it: an observer must be a plain function")

@@ -36,7 +36,7 @@ def explained(path: str, error: OSError) -> str:
     join, for a busy file the processes that hold it."""
     if error.errno in _MISSING:
         others = similar(path)
-        known = f"; there are: {', '.join(others[:_MAX_LISTED])}" if others else "; there is none of its kind"
+        known = f"; there are: {', '.join(others[:_MAX_LISTED])}" if others else "; there is no device of this kind"
         return f"there is no device {path}{did_you_mean(path, others)}{known}"
     if error.errno in _REFUSED:
         return f"no permission to open {path}{_remedy(path)}"

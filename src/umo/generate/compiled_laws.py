@@ -148,7 +148,7 @@ def _not_on_columns(translation: Translation) -> Iterator[str]:
             if any(map(_has_array, _inside(of))):
                 yield (
                     f"{struct.path or type(struct.owner).__name__}.{name} has a list or an array within another value "
-                    "or in the place of None: changes through other references would not be seen"
+                    "or in the place of None: changes through other references could not be seen"
                 )
     for owner, name in translation.hosts:
         if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
@@ -361,9 +361,9 @@ class CompiledLaws(Capability):
         self._conditions.use()
         self._watch.on_renewal = self._use_watch
         self._use_watch()
-        self._tell("the laws are compiled: so far they had the same results as in Python")
+        self._tell("the laws are compiled: so far their results were the same as in Python")
         if self._translation.notes:
-            self._tell(f"code that only makes texts is left out of them: {'; '.join(self._translation.notes)}")
+            self._tell(f"the compiled laws leave out code that only makes texts: {'; '.join(self._translation.notes)}")
         if mixed := [f"{each.label}.{name}" for each in self._memories for name in each.mixed]:
             self._tell(f"numbers whose class varies in Python are read as one class: {', '.join(mixed)}")
         if self._conditions.left_out:

@@ -25,7 +25,8 @@ def compiler_message(said: str, source: Callable[[str], str]) -> str:
         return f"the compiler rejected the C that umo generated, which is a fault of umo: {text}"
     place = f"{found['file']}:{found['line']}: {found['text']}"
     return (
-        f"{_origin(found['file'], int(found['line']), source)}, which is a fault of umo; write it differently\n{place}"
+        f"{_origin(found['file'], int(found['line']), source)}, which is a fault of umo; write this code "
+        f"differently\n{place}"
     )
 
 

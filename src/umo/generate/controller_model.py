@@ -389,7 +389,7 @@ def curves_of(linearization: Linearization) -> tuple[Cubics | Segments, Cubics |
 def _notes(objects: list[ControllerObject]) -> Iterator[str]:
     for one in objects:
         if not one.synchronous and one.output:
-            yield f"{one.path} is asynchronous: it is sent with the outputs of the period in which it is written"
+            yield f"{one.path} is asynchronous: the controller sends it with the outputs of the period of the write"
         elif not one.synchronous and one.units != "sampling_period":
             yield f"{one.path} is asynchronous: it is not read on the controller"
 

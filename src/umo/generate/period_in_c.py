@@ -235,7 +235,7 @@ class PeriodInC(Capability):
             native = getattr(block.give if write else block.convert, "__self__", None)
             if not isinstance(native, extension.Outputs if write else extension.Inputs):
                 name = self._image.transfer.words_of(block.driver)
-                self.reasons["SEND" if write else "SAMPLE"] = f"{name}: its values are not only scaled"
+                self.reasons["SEND" if write else "SAMPLE"] = f"{name}: its values are processed by more than a scale"
                 return None
             moved.append(self._in_c(native, block, write) or self._by_driver(native, block))
         return moved

@@ -118,7 +118,7 @@ class Argument:
         if self.range is not None:
             return (self.range.check_whole if self.kind == "integer" else self.range.check)(name, value)
         if type(value) is not (bool if self.kind == "bool" else str):
-            raise StateError(f"{name}: {value!r} is not {'true or false' if self.kind == 'bool' else 'a text'}")
+            raise StateError(f"{name}: {value!r} is not {'true or false' if self.kind == 'bool' else 'a string'}")
         return value
 
     def describe(self) -> dict[str, Any]:

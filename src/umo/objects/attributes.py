@@ -13,7 +13,7 @@ from umo.objects.stored_names import MAKING, is_slip, refuse_slips, stores_in
 from umo.text import did_you_mean
 from umo.user_code import abstract_names
 
-FIRST = "; a new one gets its first value in the class or in `setup`"
+FIRST = "; give a new attribute its first value in the class or in `setup`"
 """Words of a message: what to do if another attribute was meant."""
 OBJECTS = "umo.objects."
 assign = object.__setattr__

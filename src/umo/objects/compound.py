@@ -310,7 +310,9 @@ def _check_hooks(cls: type[Compound]) -> None:
         if code.co_flags & inspect.CO_GENERATOR and name != "interlocks":
             raise DeclarationError(f"{cls.__name__}.{name} contains `yield`, so its statements would not run{place}")
         if not code.co_argcount and not code.co_flags & inspect.CO_VARARGS:
-            raise DeclarationError(f"{cls.__name__}.{name} takes no object: write `def {name}(self)`{place}")
+            raise DeclarationError(
+                f"{cls.__name__}.{name} has no parameter for its object: write `def {name}(self)`{place}"
+            )
         if code.co_argcount - len(vars(cls)[name].__defaults__ or ()) > 1:
             form = f"`def {name}(self)`{'; the period is `self.dt`' if name == 'control' else ''}"
             raise DeclarationError(f"{cls.__name__}.{name} takes no arguments except its object: write {form}{place}")
@@ -347,7 +349,9 @@ def _parts(name: str, value: object) -> tuple[object, dict[str, Node]]:
         raise DeclarationError(f"{name} contains objects and other values: {next(k for k in named if k not in parts)}")
     keys = [key.removeprefix(f"{name}.") for key in parts]
     if parts and (len(parts) < len(value) or any("." in key or not key.isprintable() for key in keys)):
-        raise DeclarationError(f"{name}: the keys of parts are different texts without dots and control characters")
+        raise DeclarationError(
+            f"{name}: the keys of parts must be different strings without dots and control characters"
+        )
     return (frozen, parts) if parts else (value, {})
 
 

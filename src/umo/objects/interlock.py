@@ -64,7 +64,7 @@ class Interlock:
             raise DeclarationError(f"the condition of an interlock must be a function, `lambda: ...`, not {given}")
         check_acts_at_once("the condition of an interlock", self.condition)
         if not isinstance(self.reason, str) or not self.reason.strip():
-            raise DeclarationError(f"the reason of an interlock must be a text, not {self.reason!r}")
+            raise DeclarationError(f"the reason of an interlock must be a string, not {self.reason!r}")
         if not is_one_of(self.effect, ("inhibit", "stop")):
             raise DeclarationError(f'effect={self.effect!r} is neither "inhibit" nor "stop"')
         if not isinstance(self.forbids, Iterable):

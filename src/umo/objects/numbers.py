@@ -57,7 +57,9 @@ class MachineNumber(NamedTuple):
         is out of the range."""
         if self.kind in (bool, str):
             if type(value) is not self.kind:
-                raise RangeError(f"{self.path}: {value!r} is not {'true or false' if self.kind is bool else 'a text'}")
+                raise RangeError(
+                    f"{self.path}: {value!r} is not {'true or false' if self.kind is bool else 'a string'}"
+                )
             return value
         if isinstance(self.kind, EnumMeta):
             members: Mapping[str, Any] = self.kind.__members__
@@ -251,7 +253,7 @@ def _checked(number: MachineNumber) -> MachineNumber:
     if tunable and number.kind not in (None, int, float):
         raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are tuned")
     if shown and number.kind is str:
-        raise DeclarationError(f"number {number.path}: {number.value!r} is a text; only numbers and Enums are shown")
+        raise DeclarationError(f"number {number.path}: {number.value!r} is a string; only numbers and Enums are shown")
     if number.declared.kept and (number.kind is str or not number.settable):
         raise DeclarationError(
             f"number {number.path}: {number.value!r} cannot be kept; only numbers, true or false, and Enums are"

@@ -48,7 +48,7 @@ class Range:
                 raise DeclarationError(f"a bound of a Range is a number, not {bound!r}")
             if isinstance(bound, int) and not -float_info.max <= bound <= float_info.max:
                 raise DeclarationError(
-                    "a bound of a Range is an integer that no float can hold; without a bound, leave it out"
+                    "a bound of a Range is an integer that no float can hold; to have no bound, leave it out"
                 )
         if not self.minimum <= self.maximum:
             raise DeclarationError(f"the minimum {self.minimum!r} is above the maximum {self.maximum!r}")

@@ -93,8 +93,8 @@ def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> 
         meant = next((each for each in known if name not in known and is_slip(name, each)), None)
         if meant is not None and not _is_read(cls, name):
             raise DeclarationError(
-                f"{cls.__name__}.{name} is assigned and never read (did you mean {meant!r}?); if it is another one, "
-                f"give it its first value in the class or in `setup` ({shown_place(place)})"
+                f"{cls.__name__}.{name} is assigned and never read (did you mean {meant!r}?); if {name} is a new "
+                f"attribute, give it its first value in the class or in `setup` ({shown_place(place)})"
             )
 
 

@@ -53,7 +53,7 @@ LOGARITHMIC_DIGITS = 12
 def check_unit(unit: str) -> str:
     """Return the unit. Raises DeclarationError if pint does not know it."""
     if not isinstance(unit, str):
-        raise DeclarationError(f"{cut_repr(unit)} is not a unit; write a text such as mm/s")
+        raise DeclarationError(f"{cut_repr(unit)} is not a unit; write a string such as mm/s")
     return _checked_unit(unit)
 
 

@@ -54,7 +54,7 @@ class RecipeBook(Generic[R]):
     @choice.setter
     def choice(self, number: int) -> None:
         if number not in self._by_number:
-            raise RangeError("the values of that recipe had been sent by a client; choose it again")
+            raise RangeError("a client had sent the values of that recipe; choose the recipe again")
         self.chosen, self._choice = self._by_number[number], number
 
     def begin(self) -> None:

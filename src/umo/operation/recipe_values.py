@@ -33,7 +33,7 @@ def _value(kind: Any, limits: Range | None, given: Any, units: bool) -> Any:
         return _member(kind, given)
     if kind in (bool, str):
         if type(given) is not kind:
-            raise StateError(f"must be {'true or false' if kind is bool else 'a text'}, not {given!r}")
+            raise StateError(f"must be {'true or false' if kind is bool else 'a string'}, not {given!r}")
         return given
     raise DeclarationError(f"a recipe cannot have values of the type {kind!r}")
 
@@ -96,7 +96,7 @@ def _member(kind: type[Enum], given: Any) -> Enum:
 def _number(kind: type, limits: Range, given: Any, units: bool) -> float | int:
     if isinstance(given, str) and not units:
         unit = f" in {limits.unit}" if limits.unit else ""
-        raise RangeError(f"{given[:60]!r} is not a number{unit}; what is sent has no units")
+        raise RangeError(f"{given[:60]!r} is not a number{unit}; a value that is sent must have no unit")
     number = _converted(given, limits.unit) if isinstance(given, str) else given
     try:
         return limits.check_whole("", number) if kind is int else limits.check("", number)
@@ -108,7 +108,7 @@ def _converted(text: str, unit: str) -> float:
     """The number of a text such as "1.5 min", in this unit."""
     match = _MEASURE.fullmatch(text[:200])
     if match is None or not unit:
-        what = f'a number in {unit}, or a text such as "1.5 {unit}"' if unit else "a number"
+        what = f'a number in {unit}, or a string such as "1.5 {unit}"' if unit else "a number"
         raise RangeError(f"{text!r} is not {what}")
     from umo.objects.units import check_unit, convert, same_unit
 

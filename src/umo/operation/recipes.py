@@ -89,7 +89,7 @@ def recipe_of(
         mistakes.append((line or inf, Mistake(f"{file}:{line}" if line else file, key, message)))
 
     if not NAME_FORM.fullmatch(name):
-        mistake("", f"{name[:60]!r} is not a name of a recipe")
+        mistake("", f"{name[:60]!r} is not a name for a recipe")
     for key in given:
         if key not in fields:
             mistake(key, f"unknown key{did_you_mean(key, fields)}; known: {', '.join(fields)}")

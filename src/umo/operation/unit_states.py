@@ -20,8 +20,8 @@ from umo.user_code import attempt, briefly, check_overrides
 
 MAX_RESULT_TEXT = 100
 """Largest length of a wrong result of `refusal` in its message, in characters."""
-MANUAL_COMMANDS = {STOP: "abort it", ABORT: "", CLEAR: "clear the fault alone (`umo do STATION clear`)"}
-"""The commands that are possible while the machine is in manual mode, each with advice for the case that it waits for a
+MANUAL_COMMANDS = {STOP: "abort it", ABORT: "", CLEAR: "clear only the fault (`umo do STATION clear`)"}
+"""The commands that are possible while the machine is in manual mode, and what to do instead if one of them waits for a
 sequence."""
 
 
@@ -163,7 +163,7 @@ class UnitStates(DeclaredAttributes):
         why, error = attempt(self.refusal, name)
         if error is None and (why is None or isinstance(why, str)):
             return why
-        cause = error.text if error else f"`refusal` gives {briefly(why, MAX_RESULT_TEXT)}, which is not a text"
+        cause = error.text if error else f"`refusal` gives {briefly(why, MAX_RESULT_TEXT)}, which is not a string"
         return None if name in (STOP, ABORT) else f"it is unknown whether {name} is possible: {cause}"
 
     @action(harmless=True, apart=True)
@@ -201,8 +201,8 @@ class UnitStates(DeclaredAttributes):
         part = self.part
         if part._settings.equipment is not True or part._parent is None:
             need = f"class {type(part).__name__}(Compound, equipment=True)"
-            what = "is the machine itself" if part._parent is None else "is not declared so"
-            raise DeclarationError(f"{path}: states belong to a part that is equipment ({need}); {part!r} {what}")
+            what = "is the machine itself" if part._parent is None else "is not declared as equipment"
+            raise DeclarationError(f"{path}: only a part that is equipment can have states ({need}); {part!r} {what}")
         self.path, self._state, self._task, self._work = path, self.model.first, None, None
         others = [owner for owner, _, law in laws_in(part) if isinstance(law, UnitStates) and owner is not part]
         self._resting = Resting(part, others)

@@ -39,6 +39,9 @@ def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine, say
     try:
         machine.attach(CompiledLaws(prepared))
         machine.attach(PeriodInC())
-        say(f"the laws are compiled: C drives when each was the same as in Python for {COMPARED} of its periods")
+        say(
+            f"the laws are compiled: C drives as soon as each law gave the same results as in Python for {COMPARED} "
+            f"of its periods"
+        )
     except Exception as error:  # such as a class that has none below it, or a library that was removed
         say(f"the laws run in Python, not compiled: {text_of(error)}")

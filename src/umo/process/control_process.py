@@ -223,7 +223,7 @@ class Control:
         """Record what is known of the end without calling the user's code."""
         if error is not None:
             outcome.failure = Failed(
-                type(error).__name__, f"{type(error).__name__} (its text was lost)", status_of(error)
+                type(error).__name__, f"{type(error).__name__} (its message was lost)", status_of(error)
             )
         outcome.driven = self._connection is not None and self._connection.started
         if self._connection is not None and not self._connection.reached:
@@ -345,12 +345,12 @@ class Control:
         if gap > self._gap and (gap > self._watchdog or gap - min(excused, self._most_excused) > self._hang):
             self._stop(
                 f"no period ended for {gap:.1f} s, limit {self._gap:g} s: control code or a driver took too long, "
-                "others had the processors, or the processes or the computer were suspended"
+                f"other processes had the processors, or the processes or the computer were suspended"
             )
         elif run_state.asked:
             request_stop(run_state.asked)
         elif run_state.unwatched > self._unwatched_limit:
-            self._stop(f"no sign of life from the guardian for {run_state.unwatched:.1f} s")
+            self._stop(f"no heartbeat from the guardian for {run_state.unwatched:.1f} s")
         if late:  # what is printed
             send_waiting()
 

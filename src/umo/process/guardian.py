@@ -276,7 +276,7 @@ class Guardian:
         try:
             is_replaced = self._end.resetter.look()
         except OSError as error:
-            self._say(f"no reset process: {text_of(error)}; it is tried again")
+            self._say(f"no reset process: {text_of(error)}; umo tries again")
             return
         if is_replaced:
             self._tell_reserve()

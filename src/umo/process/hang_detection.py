@@ -62,7 +62,7 @@ class HangDetector:
             return ""
         if waited > silence / 2:
             return f"was kept from running for {waited:.2f} s while {run_state.stage}: {share.by_whom}"
-        return f"hung: no sign of life for {duration(limit)} while {run_state.stage}"
+        return f"hung: no heartbeat for {duration(limit)} while {run_state.stage}"
 
     @property
     def limit(self) -> float:

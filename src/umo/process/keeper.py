@@ -41,7 +41,7 @@ FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
 OOM_SCORE_CHANGE = 600
 """The change of the keeper's score relative to the guardian's. If memory runs out, the kernel kills the keeper before
 all processes that reset."""
-NO_FOLDER = "nothing is kept: there is no folder for what outlives a run"
+NO_FOLDER = "nothing is kept: there is no folder for kept values"
 HELD_BY_ANOTHER = -1
 """The value in place of an error number if another run of this station with this wiring uses the file."""
 
@@ -91,8 +91,8 @@ class Keeper:
             self._say(NO_FOLDER)
         elif self._cells[KeeperMessage.BEGUN]:
             if (error := self._cells[KeeperMessage.ERROR]) != 0:
-                self._say(f"{_told(error)}; it is tried again; the earlier file remains: {self.path}")
-            self._tell_history("it is tried again")
+                self._say(f"{_told(error)}; umo tries again; the earlier file remains: {self.path}")
+            self._tell_history("umo tries again")
             if not self._has_ended() or self._cells[KeeperMessage.FINISHED]:
                 return
             self._cells[KeeperMessage.BEGUN] = 0
@@ -114,13 +114,13 @@ class Keeper:
             if not self._cells[KeeperMessage.FINISHED] and self._has_ended():
                 self._fork(reader)
             self._run_state.wait(self._has_ended, until - calls.now())
-        self._tell_history("its last changes are missing")
+        self._tell_history("the last changes are missing")
         finished, error = self._cells[KeeperMessage.FINISHED], self._cells[KeeperMessage.ERROR]
         self._end()
         if finished and not error:
             return ""
         why = _told(error) if error else "the process that keeps values did not end in time"
-        return f"the last kept values were not written: {why}; {self.path} has those of before"
+        return f"the last kept values were not written: {why}; {self.path} has the earlier ones"
 
     def _tell_history(self, consequence: str) -> None:
         if (error := self._cells[KeeperMessage.HISTORY_ERROR]) != 0:
@@ -136,7 +136,7 @@ class Keeper:
         try:
             pid = self._run_state.fork(Who.KEEPER)
         except OSError as error:
-            self._say(f"nothing is kept: {text_of(error)}; it is tried again")
+            self._say(f"nothing is kept: {text_of(error)}; umo tries again")
             return
         if pid == 0:
             assert self.path is not None
@@ -169,7 +169,7 @@ class Keeper:
 
 def _told(error: int) -> str:
     if error == HELD_BY_ANOTHER:
-        return "kept values cannot be written: another run of this station with this wiring keeps its own"
+        return "kept values cannot be written: another run of this station with this wiring keeps its values"
     return f"kept values cannot be written: {os.strerror(error)}"
 
 

@@ -100,11 +100,11 @@ def load(data: bytes) -> KeptValues:
         content = json.loads(data.decode("ascii"))["content"]
         whole = encode(content) == data
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise KeptFileError("it is incomplete, or not a file of kept values") from None
+        raise KeptFileError("the file is incomplete, or not a file of kept values") from None
     if not whole or not isinstance(content, dict):
-        raise KeptFileError("it is damaged: its checksum does not fit")
+        raise KeptFileError("the file is damaged: its checksum is wrong")
     if content.pop("version", None) != VERSION:
-        raise KeptFileError("another version of umo has written it")
+        raise KeptFileError("another version of umo has written the file")
     try:
         values = KeptValues(**content)
         texts = all(isinstance(text, str) for text in (values.station, values.wiring, values.place))
@@ -117,7 +117,7 @@ def load(data: bytes) -> KeptValues:
             raise TypeError
         datetime.fromtimestamp(float(values.utc)), int(values.period), int(values.pid)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
-        raise KeptFileError("it is not a file of kept values") from None
+        raise KeptFileError("the file is not a file of kept values") from None
     return values
 
 
@@ -129,14 +129,14 @@ def read(path: Path) -> KeptValues | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise KeptFileError(f"it cannot be read: {error.strerror or error}") from None
+        raise KeptFileError(f"the file cannot be read: {error.strerror or error}") from None
     with open(file, "rb") as stream:
         try:
             data = stream.read(MAX_BYTES + 1)
         except OSError as error:
-            raise KeptFileError(f"it cannot be read: {error.strerror or error}") from None
+            raise KeptFileError(f"the file cannot be read: {error.strerror or error}") from None
     if len(data) > MAX_BYTES:
-        raise KeptFileError("it is too long for a file of kept values")
+        raise KeptFileError("the file is too long for kept values")
     return load(data)
 
 

@@ -48,11 +48,11 @@ def take_over(plan: Plan, say: Say) -> Sections:
             if not mine:
                 say(f"another run of this station with this wiring keeps its values: {path}")
             elif plan.job.fresh and path.exists():
-                say(f"it starts without the kept values of the last run, which are now in {_aside(path)}")
+                say(f"this run starts without the kept values of the last run, which are now in {_aside(path)}")
                 return {}
             return {} if plan.job.fresh else _read(plan, path, say, aside=mine)
     except Exception as error:
-        say(f"the kept values are not taken: {text_of(error)}")
+        say(f"the kept values are not used: {text_of(error)}")
         return {}
 
 
@@ -70,13 +70,13 @@ def _read(plan: Plan, path: Path, say: Say, *, aside: bool) -> Sections:
         if values is None:
             return {}
         if (values.station, values.wiring) != (plan.name, plan.wiring_name):
-            raise KeptFileError(f"it is of {values.station!r} with the wiring {values.wiring!r}")
+            raise KeptFileError(f"the file belongs to {values.station!r} with the wiring {values.wiring!r}")
     except KeptFileError as error:
-        where = f"it is now {_aside(path)}" if aside else str(path)
+        where = f"moved to {_aside(path)}" if aside else str(path)
         say(f"the kept values of the last run are lost: {error}; the file: {where}")
         return {}
     if values.place != str(plan.place):
-        say(f"the kept values are of the station in {values.place}")
+        say(f"the kept values come from the station in {values.place}")
     return values.sections
 
 
@@ -92,8 +92,8 @@ def tell(connection: connect[Any]) -> Iterator[str]:
         more = f" and {len(taken) - MAX_TOLD} more" if len(taken) > MAX_TOLD else ""
         yield f"kept from the last run: {', '.join(taken[:MAX_TOLD])}{more} (--fresh starts without them)"
     for number, (path, why) in enumerate(refused.items()):
-        connection.machine.events.add(Event(connection.machine.clock.now, path, f"its kept value is not taken: {why}"))
+        connection.machine.events.add(Event(connection.machine.clock.now, path, f"the kept value is not used: {why}"))
         if number < MAX_TOLD:
-            yield f"the kept value of {path} is not taken: {why}"
+            yield f"the kept value of {path} is not used: {why}"
     if len(refused) > MAX_TOLD:
-        yield f"{len(refused) - MAX_TOLD} more kept values are not taken: the events of the run name them"
+        yield f"{len(refused) - MAX_TOLD} more kept values are not used: the events of the run name them"

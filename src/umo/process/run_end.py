@@ -163,5 +163,5 @@ def tell_final_message(channel: MessageSocket, name: str, outcome: Outcome) -> N
     with suppress(Exception):
         if channel.peer_is_gone(STARTER_END_TIMEOUT if outcome.unsafe else 0.0):
             how = f"the run has ended; {outcome.outputs}" if outcome.failure is None else outcome.failure.message
-            text = f"umo: {name}: the process that started it is gone; {how}"
+            text = f"umo: {name}: the process that started the run has ended; {how}"
             say_without_waiting(printable(text.replace("\n", "; "))[:MAX_MESSAGE_LENGTH])

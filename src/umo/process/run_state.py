@@ -132,7 +132,7 @@ class RunState:
             if now - begun >= FORK_TIMEOUT:
                 return f"did not begin within {FORK_TIMEOUT:g} s"
             if self.admitted and self.gone(0.0):
-                return "was ended before it had begun: the machine is to be reset"
+                return "was ended before it had begun, because the machine must be reset"
         return ""
 
     def hold(self, who: int, within: float = HOLD_LIMIT) -> bool:

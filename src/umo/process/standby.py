@@ -74,7 +74,7 @@ class Standby:
             pid = self._run_state.fork(Who.STANDBY)
         except OSError as error:
             self._next_fork = calls.now() + FORK_PAUSE
-            self._say(f"no standby guardian: {text_of(error)}; it is tried again")
+            self._say(f"no standby guardian: {text_of(error)}; umo tries again")
             return
         if pid == 0:
             carry_out(self._stand_by)

@@ -256,9 +256,11 @@ class Started:
         if not stopped:
             return
         told = ", ".join(f"{name} ({process.pid})" for name, process in stopped.items())
-        hint = f"to let them go on: kill -CONT {' '.join(str(process.pid) for process in stopped.values())}"
+        hint = (
+            f"to let these processes continue: kill -CONT {' '.join(str(process.pid) for process in stopped.values())}"
+        )
         if self._stop_asked:
-            hint = "they go on now, to stop it"
+            hint = "umo lets these processes continue now, to stop the machine"
             for process in reversed(stopped.values()):
                 process.send(signal.SIGCONT)
         text = f"nothing can stop the machine: stopped by a signal: {told}; {hint}"

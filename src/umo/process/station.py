@@ -120,7 +120,8 @@ def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) ->
     if not hasattr(root, "_parent"):
         place = in_brackets(shown_place(definition(type(root).__init__)))
         text = (
-            f"{type(root).__name__}.__init__ does not make the parts: write `setup` in its place, which is called then"
+            f"{type(root).__name__}.__init__ does not create the parts: write `setup` instead, which is called when "
+            f"they exist"
         )
         raise DeclarationError(f"{text}{place}")
     return root

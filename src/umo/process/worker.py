@@ -122,7 +122,9 @@ class WorkerProcess:
             try:
                 exchange.answer(number, answer)
             except (TypeError, ValueError) as error:
-                exchange.answer(number, {"error": "driver", "text": f"its answer cannot be passed on: {error}"})
+                exchange.answer(
+                    number, {"error": "driver", "text": f"the answer of the driver cannot be passed on: {error}"}
+                )
         elif exchange.cells[Cell.CYCLIC] and not self._lost:
             self._set_fault_time(exchange.cells[Cell.NOW])
             server.work()

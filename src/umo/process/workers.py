@@ -183,7 +183,7 @@ class Workers:
         if self._run_state.stage is not Stage.RUNNING:
             return ""
         stay = f", where they stay for {group.hold:g} s" if group.hold else ""
-        return f"; its outputs are brought to their defaults{stay}"
+        return f"; its outputs are set to their defaults{stay}"
 
     def _ending(self, group: _Group) -> str:
         """Return how it has ended, or was ended, as text; "" while it serves, or is not dead yet: until then no other
@@ -200,7 +200,7 @@ class Workers:
                 names = some([f"driver {name}" for name in group.names])
                 self._say(f"the worker process of {names} cannot be killed: it is blocked in a call of the kernel")
         elif child.was_stopped or group.silence > group.limit:
-            silent = f"gave no sign of life for {group.limit:g} s"
+            silent = f"sent no heartbeat for {group.limit:g} s"
             group.ended_for = "was stopped by a signal" if child.was_stopped else silent
             group.given_up = calls.now() + DEATH_TIMEOUT
             child.send(signal.SIGKILL)

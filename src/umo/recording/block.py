@@ -219,7 +219,7 @@ def _block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memory
     else:
         same, rest = headed(columns)
         if (same["first"], same["count"]) != (first, count):
-            raise ValueError("its two messages are of different frames")
+            raise ValueError("the two messages of the block belong to different frames")
         decode(rest, frames, rest_of(layout))
         if following := same["following"]:
             frames["values"][:, following] = _values(layout, frames)[:, following]

@@ -16,7 +16,7 @@ EXACT, COLUMNS = 1, 2
 until the file is closed."""
 MAX_FIRST = 1 << 62
 """The limit below which the numbers of all frames are."""
-REPEATED = "its periods were there before"
+REPEATED = "its periods are already in the recording"
 
 
 def in_order(file: McapReader) -> array[int]:

@@ -173,7 +173,7 @@ def repair(path: Path) -> bool:
     file = McapReader(path)
     try:
         if METADATA not in file.metadata:
-            raise FramesError(f"{path} has nothing that could be repaired: it was cut before its first second")
+            raise FramesError(f"{path} has nothing that could be repaired: the file ends before its first second")
         if file.is_whole and not file.damaged and file.is_sound and all(map(file.is_readable, file.chunks)):
             return False
         joined = _Joined([file])

@@ -23,8 +23,10 @@ MAX_TOLD = 100
 def not_closed(name: str, time: float | None) -> str:
     """Return the text about a file that was not closed. `time`: time in s at which the last block of the file begins,
     or None if it has no block."""
-    last = "it has no periods" if time is None else f"what followed its block of {time:g} s is not in it"
-    return f"{name} was not closed (it was cut, its recorder was killed, or it is being written): {last}"
+    last = "the file has no periods" if time is None else f"the data after the block of {time:g} s are missing"
+    return (
+        f"{name} was not closed (the file was cut, its recorder was killed, or the recorder is still writing): {last}"
+    )
 
 
 def damage_texts(told: Sequence[str]) -> dict[str, str]:

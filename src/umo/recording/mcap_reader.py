@@ -402,13 +402,13 @@ def content_of(head: ChunkHead, data: bytes) -> bytes:
     if not head.compression:
         return data
     if head.compression != "zstd":
-        raise ValueError(f"it is compressed by {head.compression!r}, which is not read")
+        raise ValueError(f"it is compressed by {head.compression!r}, which umo cannot read")
     try:
         stated = zstandard.frame_content_size(data)
         if stated == head.size:
             return bytes(zstandard.ZstdDecompressor().decompress(data)) if stated else b""
         if stated >= 0:
-            raise ValueError("its content has another size than its head says")
+            raise ValueError("the size of its content differs from the size in its head")
         with zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(data) as stream:
             return bytes(stream.read(head.size + 1))
     except (zstandard.ZstdError, MemoryError) as error:

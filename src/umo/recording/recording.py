@@ -171,7 +171,7 @@ class Recording:
         if not file.is_whole:
             told.append(not_closed(name, seen.time if seen.blocks else None))
         elif not told and not file.is_sound:
-            told.append(f"{name} is damaged outside of its chunks: other readers may fail, no period is missing")
+            told.append(f"{name} is damaged outside of its chunks: other readers may fail, but no period is missing")
         if extent is not None and seen.periods != extent.periods:
             told.append(f"{name}: {extent.periods - seen.periods:,} of its {extent.periods:,} periods are missing")
         blocks = file.counts.get(EXACT, 0)
@@ -194,14 +194,19 @@ class Recording:
         """The reason why the recording cannot be replayed from period 0 on, or None if it can."""
         head = next(self._heads(), None)
         if head is None:
-            return "it has no periods"
+            return "the recording has no periods"
         if not self.job or "error" in self.job:
-            return "it does not name the station or program that was run" + in_brackets(str(self.job.get("error", "")))
+            return "the recording does not name the station or program that was run" + in_brackets(
+                str(self.job.get("error", ""))
+            )
         if head.first:
             if self._told_first is not None and self._told_first < head.first:
-                return f"its first {head.first - self._told_first} periods are damaged"
+                return f"the first {head.first - self._told_first} periods are damaged"
             when = f"{head.time:g} s"
-            return f"it begins at period {head.first} ({when}): sequences exist only by running from period 0"
+            return (
+                f"the recording begins at period {head.first} ({when}), but sequences can only be replayed from "
+                f"period 0"
+            )
         return None
 
     # What is in it -------------------------------------------------------------------------------------
@@ -449,9 +454,9 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
         damaged = "".join(f": at byte {each.at:,} {each.why}" for each in islice(file.damaged, 1))
         raise FramesError(f"{file.path} is not a recording of umo, or its description is damaged{damaged}")
     if (version := about.get("version")) not in (FORMAT, OLD_FORMAT):
-        raise FramesError(f"{file.path} is of version {version}, this umo reads versions {OLD_FORMAT} and {FORMAT}")
+        raise FramesError(f"{file.path} has version {version}, this umo reads versions {OLD_FORMAT} and {FORMAT}")
     if version == FORMAT and about.get("checksum") != _checksum(about):
-        raise FramesError(f"{file.path} is damaged: the checksum of its description does not fit")
+        raise FramesError(f"{file.path} is damaged: the checksum of its description is wrong")
     try:
         int(about.get("part", "1"))
         layout = Layout.parse(checked_text(about["description"].encode()))

@@ -95,7 +95,7 @@ class RecordingParts:
             thin(part.path)
             part.size = part.path.stat().st_size
         except (OSError, UmoError) as error:
-            self.failed = f"{part.path} keeps everything: {text_of(error)}"
+            self.failed = f"{part.path} could not be reduced: {text_of(error)}"
 
     def close(self) -> None:
         """Close the files, after completing the work of threads. No more blocks may follow. Raises OSError if the end

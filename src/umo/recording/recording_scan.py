@@ -38,7 +38,7 @@ class BlockHead(NamedTuple):
     def of(cls, about: Mapping[str, Any], size: int) -> BlockHead:
         head = cls(int(about["first"]), int(about["count"]), float(about["time"]), about, size)
         if not 0 <= head.first < MAX_FIRST or not 0 < head.periods < 1 << 32:
-            raise ValueError("it has no periods")
+            raise ValueError("the recording has no periods")
         return head
 
     @property
@@ -91,7 +91,7 @@ class RecordingScan:
 
     def add(self, head: BlockHead, path: Path) -> None:
         if len(self.firsts) >= MAX_BLOCKS:
-            raise FramesError(f"{path}: a recording of more than {MAX_BLOCKS:,} blocks is not read")
+            raise FramesError(f"{path}: a recording with more than {MAX_BLOCKS:,} blocks is not read")
         self.firsts.append(head.first)
         self.counts.append(head.periods)
         self.times.append(head.time)

@@ -39,7 +39,7 @@ def ensure(limits: Callable[[], tuple[int, int]] = _limits, set_limits: Callable
     if 0 <= hard < NEEDED:
         raise TooFewDescriptors(
             f"a run in real time needs {NEEDED} open files in a process, and more for drivers with many connections; "
-            f"{soft} are allowed here: `ulimit -n {USUAL}` in a new terminal, then start it there (of a service: "
-            f"LimitNOFILE={USUAL})"
+            f"{soft} are allowed here: run `ulimit -n {USUAL}` in a new terminal, and start the run there (for a "
+            f"service set LimitNOFILE={USUAL})"
         )
     set_limits(USUAL if hard < 0 else min(USUAL, hard), hard)

@@ -109,7 +109,7 @@ def open_own(path: Path, *, follow: bool = False) -> int:
         if not stat.S_ISREG(status.st_mode):
             raise OSError(errno.EINVAL, "not a regular file", str(path))
         if hasattr(os, "getuid") and status.st_uid != os.getuid():
-            raise PermissionError(errno.EACCES, f"it is another user's (uid {status.st_uid})", str(path))
+            raise PermissionError(errno.EACCES, f"it belongs to another user (uid {status.st_uid})", str(path))
     except BaseException:
         os.close(file)
         raise

@@ -24,7 +24,11 @@ def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str
     for path, table in source.controllers.items():
         key, name = f'wire."{path}"', table[CONTROLLER]
         if path not in parts:
-            is_object = "is an object; a part runs on a controller" if path in items else "the machine has no such part"
+            is_object = (
+                "is an object; only a part can run on a controller"
+                if path in items
+                else ("the machine has no such part")
+            )
             source.mistake(key, f"{is_object}{did_you_mean(path, parts)}")
         elif not isinstance(name, str) or len(table) > 1:
             source.mistake(key, f'must be {{ controller = "NAME" }} and nothing else, not {dict(table)!r}')
@@ -54,11 +58,13 @@ def check_controllers(
                 f'wire."{path}".{CONTROLLER}', f'{name} is not a controller: its driver needs type = "controller"'
             )
         elif isinstance(driver, OffCycle):
-            source.mistake(f"drivers.{name}.off_cycle", "a part that runs on a controller needs it on the cycle")
+            source.mistake(f"drivers.{name}.off_cycle", "the driver of a controller cannot be off the cycle")
         on_it = [wire.path for wire in wires if bare(wire.driver) is bare(driver)]
         away = [each.path for each in wires if each.path.startswith(f"{path}.") and each.path not in on_it]
         if away:
-            source.mistake(f'wire."{path}"', f"{some(away)} must be on {name}, as the part is")
+            source.mistake(f'wire."{path}"', f"{some(away)} must be wired to {name}, like the part")
         others = [each for each in on_it if not each.startswith(f"{path}.")]
         if others:
-            source.mistake(f'wire."{path}"', f"{some(others)} is not of this part, and cannot be on {name}")
+            source.mistake(
+                f'wire."{path}"', f"{some(others)} does not belong to this part, and cannot be wired to {name}"
+            )

@@ -48,7 +48,7 @@ def inject(
     for number, given in enumerate(faults):
         try:
             if not isinstance(given, InjectedFault | str):
-                raise DeclarationError(f"is not a text: {FORM}")
+                raise DeclarationError(f"is not a string: {FORM}")
             fault = InjectedFault.parse(given) if isinstance(given, str) else given
             for driver, effect in _effects_of(fault, wires, drivers):
                 by_driver.setdefault(id(driver), []).append(effect)

@@ -46,7 +46,7 @@ def driver_table(source: WiringSource, name: str, table: Mapping[str, Any]) -> D
     if found.off_cycle and PERIOD not in given:
         mistakes.append((PERIOD, 'is missing: the time from one transfer to the next, such as "100 ms"'))
     if not found.off_cycle:
-        without = "is for a driver off the cycle: add off_cycle = true"
+        without = "can only be used with a driver off the cycle: add off_cycle = true"
         mistakes += [(key, without) for key in (PERIOD, MAX_AGE) if key in given]
     for key, text in mistakes:
         source.mistake(f"drivers.{name}.{key}", text)
@@ -74,7 +74,10 @@ def take_off_cycle(
             source.mistake(f"drivers.{name}.{MAX_AGE}", text)
         is_timer = any(wire.item is timer and wire.driver is driver for wire in wires)
         if driver.simulates_time or is_timer:
-            source.mistake(f"drivers.{name}.{OFF_CYCLE}", "the machine's timer is on this driver: it is the cycle")
+            source.mistake(
+                f"drivers.{name}.{OFF_CYCLE}",
+                "the machine's timer is wired to this driver, so the driver cannot be off the cycle",
+            )
             continue
         proxy = OffCycle(driver, period, max_age)
         mine = [number for number, wire in enumerate(wires) if wire.driver is driver]
@@ -103,5 +106,5 @@ def check_shared_devices(
         off = [name for name in sharing if isinstance(drivers.get(name), OffCycle)]
         if off and len(off) < len(sharing):
             others = [name for name in sharing if name not in off]
-            text = f"{some(others)} shares {device} with it, and must be off the cycle too"
+            text = f"{some(others)} shares {device} with this driver, and must be off the cycle too"
             source.mistake(f"drivers.{off[0]}.{OFF_CYCLE}", text)

@@ -116,7 +116,7 @@ def collapsed(mistakes: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mi
 def _check_numbering(source: WiringSource, path: str, entry: Entry, single: bool) -> None:
     given = [name for name in NUMBERING if getattr(entry, name) is not None]
     if given and single:
-        source.mistake(f'wire."{path}".{given[0]}', f"is for patterns such as {generalised(path)!r}")
+        source.mistake(f'wire."{path}".{given[0]}', f"can only be used with patterns such as {generalised(path)!r}")
     elif given and NUMBER not in (entry.channel or ""):
         source.mistake(f'wire."{path}".{given[0]}', f"numbers the channel, which has no {NUMBER}")
 

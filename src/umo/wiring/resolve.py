@@ -85,7 +85,7 @@ def resolve(
     if mistakes:
         in_wiring = any(not each.file.startswith(FAULT_OPTION) for each in mistakes)
         where = "the wiring" if in_wiring else FAULT_OPTION.strip()
-        raise WiringError(f"{count_of(len(mistakes), 'mistake')} in {where}", mistakes)
+        raise WiringError(f"{count_of(len(mistakes), 'error')} in {where}", mistakes)
     return wired
 
 

@@ -211,11 +211,11 @@ def read_settings(kind: type[S], file: Path, most: int = 1 << 20, secret: bool =
     try:
         with open(file, "rb", opener=_without_waiting) as stream:
             if secret and os.fstat(stream.fileno()).st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-                raise OptionError(f"{file}: others may write it: chmod 600")
+                raise OptionError(f"{file}: other users can write the file: chmod 600")
             data = stream.read(most + 1)
     except FileNotFoundError:
         if file.is_symlink():  # a link that leads nowhere
-            raise OptionError(f"{file} leads nowhere") from None
+            raise OptionError(f"{file} is a link to a file that does not exist") from None
         return None
     except OSError as error:
         raise OptionError(f"{file} cannot be read: {error.strerror}") from None

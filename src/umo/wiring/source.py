@@ -99,11 +99,11 @@ def _load(source: WiringSource, path: Path) -> dict[str, Any]:
 def _toml_hint(error: str) -> str:
     """Return what was probably meant by text that TOML refuses."""
     if error.startswith("Invalid value"):
-        return '; a text stands in quotation marks: "tank"'
+        return '; write a string in quotation marks: "tank"'
     if error.startswith("Cannot declare"):
-        return "; one [table] of a name holds all its keys"
+        return "; write all keys of a table below one heading [table]"
     if error.startswith("Cannot overwrite"):
-        return "; each key is given once"
+        return "; give each key only once"
     if "codec can't decode" in error:
         return "; save the file as UTF-8"
     return ""

@@ -123,7 +123,7 @@ class Wire:
         if apart <= abs(self.scale[0]) / 2 * (1 + 1e-9):
             return ""
         own = f"resolution = {one - zero:.9g}, zero_offset = {zero:.9g}"
-        where = f"off that of the circuit, channel {self.channel.text}"
+        where = f"away from the scale of the circuit, channel {self.channel.text}"
         return f"the wired scale is up to {measure(apart, units)} {where}: {own}"
 
     @property

@@ -31,7 +31,7 @@ class AlarmCommands(CommandLine):
 command = group(
     "alarm",
     "Operate",
-    "The alarms of a station: list them, acknowledge them, put them away for a time.",
+    "List the alarms of a station, acknowledge them, or hide them for a time.",
     "umo alarm list  |  umo alarm ack plant tank.overfill  |  umo alarm shelve plant tank.cold '10 min'",
     cls=AlarmCommands,
 )
@@ -65,12 +65,12 @@ def history(
         str | None,
         typer.Argument(
             metavar="[STATION]",
-            help="Name or folder; default: the only one that runs.",
+            help="Name or folder of a station; default: the only running station.",
             autocompletion=completion.stations_and_running,
         ),
     ] = None,
 ) -> None:
-    """List the stored changes of alarms, also from earlier runs and of a station that does not run."""
+    """List the stored changes of alarms, also those of earlier runs. The station need not run."""
     from umo_command.alarm.listing import show_history
 
     show_history(station)
@@ -97,9 +97,9 @@ def _add(command: HelpPanel, verb: Verb) -> None:
     example = " '10 min'" if verb.arguments else ""
     about = typer.Argument(
         metavar=f"[STATION] PATH{more}" if more else "[STATION] [PATH]...",
-        help="Name or pid of a station, required if several run; an alarm (tank.overfill), an object or compound for "
-        f"all alarms in it, or a pattern such as 'tanks.*.overfill'"
-        f"{'; then how long, at most 7 days' if more else '; default: all'}.",
+        help=f"Name or pid of a station, required if several run; then the paths of alarms (tank.overfill), of "
+        f"objects or compounds for all alarms in them, or patterns such as 'tanks.*.overfill'"
+        f"{'; at the end the time, at most 7 days' if more else '; default: all'}.",
         autocompletion=completion.running_and_alarms,
     )
 

@@ -261,7 +261,7 @@ class _Check:
         """The result of a sequence that has only been started."""
         is_of_call = node.attr == "result" and isinstance(node.value, ast.Call)
         if is_of_call and self._code.value(node.value.func, scope) is link.Cycle.start:  # type: ignore[attr-defined]
-            self._tell(node, "`{}` is None, as the sequence has only been started: write `await` before its call")
+            self._tell(node, "`{}` is None, because the sequence has only been started: write `await` before the call")
 
     def _filters(self, node: ast.comprehension, scope: NameScope) -> None:
         for each in node.ifs:
@@ -339,7 +339,7 @@ class _Check:
                 if self._is_sequence_function(each, scope):
                     self._tell(each, "`{}` is not called: write `{}()`")
                 elif isinstance(each, ast.List | ast.Tuple | ast.ListComp | ast.GeneratorExp):
-                    self._tell(each, "`{}` is not a sequence: several are given by a star, `*{}`")
+                    self._tell(each, "`{}` is not a sequence: give several with a star, `*{}`")
         if given and node.args[0] is given[0] and any(value is each for each in ASKING):
             name = CONDITIONS.get(value)
             self._condition(given[0], scope, name if name in ("until", "unless") else "")
@@ -357,11 +357,11 @@ class _Check:
         if isinstance(node, ast.Lambda):
             inner = NameScope(node, scope, self._code)
             if isinstance(self._code.thing(node.body, inner), MadeSequence):
-                self._tell(node.body, "`{}` is a sequence, which is always true: a condition acts at once")
+                self._tell(node.body, "`{}` is a sequence, which is always true: the condition would hold immediately")
             else:
                 self._truth(node.body, inner)
         elif self._is_sequence_function(node, scope):
-            self._tell(node, "`{}` is a sequence, which is always true: a condition acts at once")
+            self._tell(node, "`{}` is a sequence, which is always true: the condition would hold immediately")
         elif function and isinstance(found, MadeSequence):
             self._tell(node, "`{}` is a sequence, not a condition: write `await {}`")
         elif (

@@ -69,7 +69,7 @@ def _without_effect(code: ModuleCode, node: ast.Expr, scope: NameScope) -> Remar
     if isinstance(node.value, ast.Compare) and scope.is_control:
         yield (
             node.value,
-            "`{}` is compared, and nothing is done with the result: an assignment is `=`, a value is written",
+            "`{}` is compared, and nothing is done with the result: assign with `=`, or write the value to the object",
         )
 
 
@@ -98,9 +98,9 @@ def _called(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
     if isinstance(node.func, ast.Attribute) and node.func.attr in ("sample", "update") and not node.args:
         of = code.thing(node.func.value, scope)
         if isinstance(of, Instance) and issubclass(of.kind, Compound) and value is vars(Compound).get(node.func.attr):
-            yield node, "`{}`: the cycle does this in each period: leave it out"
+            yield node, "`{}`: the cycle does this in each period: remove it"
     if _is_law(value) and _is_in_each_period(node, scope):
-        yield node, "`{}` is made again in each period, so it keeps no state: make it in `setup`"
+        yield node, "`{}` is created again in each period, so it keeps no state: create it in `setup`"
     if value is threading.Thread:
         yield from _thread(code, node, scope)
     for each, instead in ASYNCIO.items():
@@ -143,7 +143,10 @@ def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
         target, inner = found.node, NameScope(found.node, scope, code)
     for each in ast.walk(target) if target is not None else ():
         if isinstance(each, ast.Attribute) and each.attr == "write" and code.atomic(each.value, inner):
-            yield node, "`{}` writes beside the cycle, at any time of a period: write in a sequence, `cycle.start(...)`"
+            yield (
+                node,
+                ("`{}` writes outside the cycle, at any time in a period: write in a sequence, `cycle.start(...)`"),
+            )
             return
 
 
@@ -213,17 +216,17 @@ def in_class(code: ModuleCode, node: ast.ClassDef, read: set[str]) -> Remarks:
             names = {target.id for target in each.targets if isinstance(target, ast.Name)}
             if names & set(_changed(node)):
                 name = next(iter(names))
-                yield each, f"`{name}` is one for all objects and all runs: write `self.{name} = ...` in `setup`"
+                yield each, f"`{name}` is shared by all objects and all runs: write `self.{name} = ...` in `setup`"
 
 
 def _method(kind: type, node: Any, read: set[str]) -> Remarks:
     arguments = node.args
     if not (arguments.posonlyargs or arguments.args or arguments.vararg):
-        yield node, f"`{node.name}` takes no object: write `def {node.name}(self)`"
+        yield node, f"`{node.name}` has no parameter for its object: write `def {node.name}(self)`"
     near = difflib.get_close_matches(node.name, HOOKS, 1, 0.85)
     inherited = any(node.name in vars(base) for base in inspect.getmro(kind)[1:])
     if near and node.name not in (*HOOKS, *read) and not inherited and not node.name.startswith("_"):
-        yield node, f"nobody calls `{node.name}`: umo calls `{near[0]}`"
+        yield node, f"nothing calls `{node.name}`: umo calls `{near[0]}`"
 
 
 def _changed(node: ast.ClassDef) -> Iterator[str]:

@@ -62,7 +62,10 @@ def _endless(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
         return
     blocks = (each for each in within(scope.node) if isinstance(each, ast.Try | ast.With))
     if not any(node in ast.walk(each) or each in ast.walk(node) for each in blocks):
-        yield node.test, "no period passes in this loop, so the machine stops in it: write `await next_period()` in it"
+        yield (
+            node.test,
+            ("no period passes in this loop, so the machine stops here: write `await next_period()` in the loop"),
+        )
 
 
 def _ramp(code: ModuleCode, node: ast.For, scope: NameScope) -> Remarks:
@@ -76,7 +79,7 @@ def _ramp(code: ModuleCode, node: ast.For, scope: NameScope) -> Remarks:
             continue
         of, value = written
         if _names(value, ast.Load) & turning and not _names(of, ast.Load) & turning:
-            wait = "; write `await next_period()` in it" if isinstance(scope.node, ast.AsyncFunctionDef) else ""
+            wait = "; write `await next_period()` in the loop" if isinstance(scope.node, ast.AsyncFunctionDef) else ""
             yield statement, f"no period passes in this loop, so only the last value of `{{}}` counts{wait}"
 
 
@@ -89,7 +92,13 @@ def overwritten(code: ModuleCode, values: CodeObjects, statements: list[ast.stmt
             continue
         items = values.objects(one[0], scope)
         if items and all(each.synchronous for each in items) and ast.unparse(one[1]) != ast.unparse(other[1]):
-            yield first, "`{}` has no effect, as no period passes before the next value: `await wait(...)` between them"
+            yield (
+                first,
+                (
+                    "`{}` has no effect, because no period passes before the next value: write `await wait(...)` "
+                    "between the two"
+                ),
+            )
 
 
 def _write_in(code: ModuleCode, node: ast.stmt, scope: NameScope) -> tuple[ast.expr, ast.expr] | None:
@@ -135,7 +144,13 @@ def _constant(code: ModuleCode, test: ast.expr, scope: NameScope) -> Remarks:
         return
     for name, found in bound.items():
         if found and found[0].how == "value" and (reading := _reading(code, found[0].node, scope)):
-            yield test, f"`{{}}` stays what it is: `{name}` was read once, before; write `{reading}` in its place"
+            yield (
+                test,
+                (
+                    f"`{{}}` never changes, because `{name}` was read once, before: write `{reading}` instead of "
+                    f"`{name}`"
+                ),
+            )
             return
 
 
@@ -168,7 +183,8 @@ def _late(code: ModuleCode, node: Any, scope: NameScope) -> Remarks:
             name = min(late)
             yield (
                 condition,
-                f"`{{}}`: `{name}` is that of the last turn when this is asked; write `lambda {name}={name}:`",
+                f"`{{}}`: `{name}` has the value of the last turn of the loop when this is called; write `lambda "
+                f"{name}={name}:`",
             )
 
 
@@ -185,7 +201,7 @@ def _clock(code: ModuleCode, node: Any, scope: NameScope) -> Remarks:
 def _random(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
     """Check numbers of a random generator without a seed."""
     if scope.is_control and _is_without_seed(code.value(node.func, scope), node) and not code.gives_seed:
-        yield node, "`{}` is another number in each run: use `cycle.random`, which has the seed of the run"
+        yield node, "`{}` is a different number in each run: use `cycle.random`, which has the seed of the run"
 
 
 def _is_without_seed(value: Any, node: ast.Call) -> bool:
@@ -207,7 +223,7 @@ def _fixed_step(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
     given = [*node.args[place : place + 1], *(each.value for each in node.keywords if each.arg == "dt")]
     for each in given:
         if isinstance(each, ast.Constant):
-            yield each, "`{}` is not the period, if a wiring gives another one: write `self.dt`"
+            yield each, "`{}` is not the period if a wiring sets another period: write `self.dt`"
 
 
 def blocks_in(scope: ast.AST) -> Iterator[list[ast.stmt]]:

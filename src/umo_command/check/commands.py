@@ -15,27 +15,27 @@ command = HelpPanel("Make")
 @command(
     epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check ztheta --all  |  "
     "umo check furnace --zones 100  |  umo check furnace --target compile",
-    status="0 no mistake was found; 2 mistakes, see stderr",
+    status="0 no error was found; 2 errors were found, or the command line is wrong (see stderr)",
     context_settings=MACHINE_OPTIONS,
 )
 def check(
     context: typer.Context,
     station: StationName,
     wiring: WiringName = None,
-    every: Annotated[bool, typer.Option("--all", help="Look at every wiring of the station.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="Check every wiring of the station.")] = False,
     target: Annotated[
         str | None,
         typer.Option(
             metavar="TARGET",
-            help="Also list the code that cannot be translated to C for this target: host, cortex-m, avr or arduino, "
-            "as for umo new controller; or compile, as for a wiring with compile = true.",
+            help="Also list the code that cannot be translated to C for this target: host, cortex-m, avr or arduino "
+            "for umo new controller; compile for a wiring with compile = true.",
         ),
     ] = None,
 ) -> int:
-    """Find every mistake of a station without touching hardware.
+    """Find the errors in a station without touching hardware.
 
-    It checks the wiring, the declarations of the machine, and its code, for example for sequences that are never
-    awaited. Without -w it checks the first wiring (simulated), and names those that it did not check. Options of the
+    The command checks the wiring, the declarations and the code of the machine, for example for sequences that are
+    never awaited. Without -w it checks the default wiring, and names the wirings that it did not check. Options of the
     machine follow the station's name.
     """
     from umo.process.station import find

@@ -64,7 +64,7 @@ def check_station(
     if others := [name for name, file in station.wirings.items() if file not in files]:
         out.print(f"not checked: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
     if in_code:  # the last word: the wiring above it may be in order
-        say(f"{count_of(in_code, 'mistake')} in the code")
+        say(f"{count_of(in_code, 'error')} in the code")
     return max([*statuses, ExitStatus.MISTAKE] if in_code else statuses)
 
 
@@ -134,7 +134,7 @@ def _check_target(machine: Compound, file: Path | None, target: str | None) -> i
     if reasons:
         say(f"{what}: {count_of(len(reasons), 'place')} of {type(machine).__name__} cannot be translated")
         return ExitStatus.MISTAKE
-    out.print(f"ok: {what}: all of it can be translated", soft_wrap=True)
+    out.print(f"ok: {what}: all code can be translated", soft_wrap=True)
     return 0
 
 

@@ -13,18 +13,22 @@ from umo_command.shared import group
 command = group(
     "certificate",
     "Commands",
-    "Who belongs to a fleet: make the certificates of its computers and users, and the rules of who may do what.",
+    "Make the certificates of the computers and users of a fleet, and the rules that say who may do what.",
     "umo connect certificate authority  |  umo connect certificate site cell7  |  umo connect certificate user ann",
     connect.group,
 )
-STATUS = "0 done; 2 a mistake, see stderr"
+STATUS = "0 done; 2 the command line is wrong (see stderr)"
 DEFAULT = Path("~/fleet")
 
 Folder = Annotated[Path, typer.Option("--authority", metavar="DIR", help="Folder of the authority; default: ~/fleet.")]
-CertificateName = Annotated[str, typer.Argument(metavar="NAME", help="Letters, digits, _ . - (48 at most).")]
+CertificateName = Annotated[
+    str, typer.Argument(metavar="NAME", help="Name: at most 48 letters, digits and the characters _ . -")
+]
 Hosts = Annotated[
     list[str] | None,
-    typer.Option("--host", metavar="HOST", help="Name or address at which others reach it; may be repeated."),
+    typer.Option(
+        "--host", metavar="HOST", help="Name or address at which other computers reach this one. May be repeated."
+    ),
 ]
 
 
@@ -34,10 +38,10 @@ Hosts = Annotated[
 def authority(
     folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Folder of the fleet; default: ~/fleet.")] = DEFAULT,
 ) -> int:
-    """Make the authority of a fleet, once. It is valid for 20 years.
+    """Make the authority of a fleet, which signs its certificates. Do this once; the authority is valid for 20 years.
 
-    Whoever has the key in DIR/authority can make any certificate: keep it on one computer, and copy it to a safe
-    place.
+    Anybody who has the key in DIR/authority can make any certificate. Keep the key on one computer, and a copy in a
+    safe place.
     """
     from umo_command.connect.fleet_authority import make_authority
 
@@ -46,7 +50,7 @@ def authority(
 
 @command(epilog="Examples: umo connect certificate router plant --host plant.local --host 192.168.1.10", status=STATUS)
 def router(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT) -> int:
-    """Make the certificate of a router, which joins the computers of a site (umo connect router)."""
+    """Make the certificate of a router, which connects the computers of a site (umo connect router)."""
     from umo_command.connect.fleet_authority import make
 
     return make(folder, "router", name, hosts or ())
@@ -57,9 +61,10 @@ def router(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT)
     status=STATUS,
 )
 def site(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT) -> int:
-    """Make the certificate of a computer with stations (umo connect fleet): NAME is the first part of their names.
+    """Make the certificate of a computer with stations (umo connect fleet). NAME is the first part of the names of the
+    stations.
 
-    With --host others may connect to this computer itself, without a router.
+    With --host other computers may connect to this computer directly, without a router.
     """
     from umo_command.connect.fleet_authority import make
 
@@ -74,14 +79,14 @@ def user(
     sites: Annotated[
         list[str] | None,
         typer.Option(
-            "--site", metavar="SITE", help="Site whose stations the user may see; may be repeated; default: all sites."
+            "--site", metavar="SITE", help="Site whose stations the user may see; default: all sites. May be repeated."
         ),
     ] = None,
     folder: Folder = DEFAULT,
 ) -> int:
-    """Make the certificate of a person or a program, who sees stations and commands them under this name.
+    """Make the certificate of a user: a person or a program that sees and commands stations under this name.
 
-    The file of roles on the station's computer says which commands they may give.
+    The file roles.toml on the station's computer says which commands the user may give.
     """
     from umo_command.connect.fleet_authority import make
 
@@ -90,7 +95,7 @@ def user(
 
 @command(epilog="Examples: umo connect certificate withdraw ann", status=STATUS)
 def withdraw(name: CertificateName, folder: Folder = DEFAULT) -> int:
-    """Withdraw a certificate: routers refuse it from their next start on."""
+    """Withdraw a certificate. A router refuses it from its next start on."""
     from umo_command.connect.fleet_authority import withdraw_rule
 
     return withdraw_rule(folder, name)
@@ -98,7 +103,7 @@ def withdraw(name: CertificateName, folder: Folder = DEFAULT) -> int:
 
 @command("list", epilog="Examples: umo connect certificate list", status=STATUS)
 def list_(folder: Folder = DEFAULT) -> int:
-    """List the certificates: owner, end of validity, and whether withdrawn."""
+    """List the certificates with their owner and end of validity, and show which are withdrawn."""
     from umo_command.connect.fleet_authority import list_issued
 
     return list_issued(folder)

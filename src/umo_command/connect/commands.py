@@ -18,21 +18,22 @@ command = group(
 )
 
 
-SERVED = "0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 a mistake, see stderr"
+SERVED = "0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 the command line is wrong (see stderr)"
 
 
 @command(
     epilog="Examples: umo connect face prometheus  |  umo connect face opcua epics --station ztheta --commands  |  "
     "umo connect face prometheus --set prometheus.port=9465",
-    status="0 ended by Ctrl-C or SIGTERM; 1 a port or a file is not available; 2 a mistake, see stderr",
+    status="0 ended by Ctrl-C or SIGTERM; 1 a port or a file is not available; 2 the command line or the wiring is "
+    "wrong (see stderr)",
 )
 def face(
     names: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[FACE]...",
-            help="epics, homeassistant, opcua, prometheus, sparkplug, or a face of your own as module:Class; default: "
-            "those of the table `faces` of the wiring.",
+            help="epics, homeassistant, opcua, prometheus, sparkplug, or your own face as module:Class; default: the "
+            "faces in the table `faces` of the wiring.",
             autocompletion=completion.faces,
         ),
     ] = None,
@@ -40,27 +41,27 @@ def face(
         str | None,
         typer.Option(
             metavar="STATION",
-            help="Name, folder or pid; required if several run. It may start later.",
+            help="Name, folder or pid of the station; required if several run. The station may start later.",
             autocompletion=completion.running,
         ),
     ] = None,
     commands: MayCommand = None,
     rate: Annotated[
-        float | None, typer.Option(callback=finite, help="Readings of the machine per second; default: 10.")
+        float | None, typer.Option(callback=finite, help="Number of readings of the machine per second; default: 10.")
     ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="FACE.NAME=VALUE",
-            help="An option of a face (its page in docs/ lists them); may be repeated.",
+            help="Set an option of a face; the face's page in docs/ lists its options. May be repeated.",
         ),
     ] = None,
 ) -> int:
     """Serve a running station to clients of other protocols, until Ctrl-C.
 
-    A face reads the frames of the station, as `umo show page` does, and does not disturb it. When the station ends,
-    every value becomes stale; when it starts again, the face continues. Without --commands clients only read.
+    A face does not disturb the station. When the station ends, every value becomes stale; when the station starts
+    again, the face continues. Without --commands clients can only read.
     """
     from umo_command.connect.faces import FaceOptions, serve
 
@@ -81,18 +82,18 @@ def fleet(
     ] = None,
     commands: MayCommand = None,
     rate: Annotated[
-        float, typer.Option(callback=finite, help="Largest number of values per second of each station.")
+        float, typer.Option(callback=finite, help="Largest number of values per second of each station; default: 10.")
     ] = 10.0,
     connect: Connect = None,
     listen: Listen = None,
     certificates: Certificates = None,
     jetstream: JetStream = None,
 ) -> int:
-    """Publish the stations that run on this computer, also those that start later, until Ctrl-C.
+    """Publish the stations of this computer, also stations that start later, until Ctrl-C.
 
-    `umo show stations --fleet` lists them, and SITE/STATION is their name for `umo show values`, `umo.attach` and other
-    commands. Without addresses only this computer can reach them. The file ~/.config/umo/fleet.toml has the same
-    settings.
+    `umo show stations --fleet` lists the stations. `umo show values`, `umo.attach` and other commands name a station
+    SITE/STATION. Without --connect and --listen only this computer can reach the stations. These options can also be
+    set in the file ~/.config/umo/fleet.toml.
     """
     from umo_command.connect.fleet import serve_gateway
 
@@ -102,10 +103,10 @@ def fleet(
 
 @command(epilog="Examples: umo connect router --listen tls/0.0.0.0:7447 --certificates ~/fleet/plant", status=SERVED)
 def router(connect: Connect = None, listen: Listen = None, certificates: Certificates = None) -> int:
-    """Join the computers of a site, until Ctrl-C: stations and their users connect to it.
+    """Run a router, which connects the computers of a site, until Ctrl-C. Stations and users connect to the router.
 
-    It forwards only data that each of them may see and publish, by the rules of its certificates. Routers connect to
-    each other (--connect).
+    The rules of the certificates say what each computer and user may see and publish; the router forwards nothing else.
+    Routers connect to each other with --connect.
     """
     from umo_command.connect.fleet import serve_router
 

@@ -93,12 +93,17 @@ def _table(station: str | None) -> tuple[dict[str, Any], str]:
         found = source.read({} if file is None else file)
         for mistake in found.mistakes:
             if mistake.key in ("", "faces"):
-                say(f"no table [faces] is read from the wiring, only the options given here count: {mistake}")
+                say(
+                    f"the table [faces] of the wiring cannot be read, so only the options given here are used: "
+                    f"{mistake}"
+                )
         return found.faces, "wiring" if file is None else str(file)
     except FramesError:  # the host says so
-        say("no table [faces] is read from a wiring, as no station runs: only the options given here count")
+        say("no station runs, so no table [faces] is read from a wiring, and only the options given here are used")
     except Exception as error:  # its files have changed
-        say(f"no table [faces] is read from the wiring, only the options given here count: {text_of(error)}")
+        say(
+            f"the table [faces] of the wiring cannot be read, so only the options given here are used: {text_of(error)}"
+        )
     return {}, "wiring"
 
 

@@ -31,7 +31,7 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float, je
     network = settings.network
     settings.require(SITE)
     if commands and not (network.is_local or network.is_proved):
-        raise OptionError("commands of other computers need tls: its certificates prove who they are")
+        raise OptionError("commands from other computers need TLS, whose certificates prove who gives the commands")
     server = None if jetstream is None else jetstream_server(jetstream, settings)
     step_back()
     lock = _alone()
@@ -76,7 +76,7 @@ def _alone() -> int:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
-        raise OptionError("another gateway publishes the stations of this user already") from None
+        raise OptionError("another gateway already publishes the stations of this user") from None
     return lock
 
 
@@ -97,12 +97,14 @@ def serve_router(changes: Mapping[str, Any]) -> int:
 
 def _who_may(network: FleetNetwork) -> str:
     if network.is_proved:
-        return "the clients that its rules name"
-    return "this computer only" if network.is_local else "everybody, reading only: commands need certificates"
+        return "clients: those that its rules name"
+    if network.is_local:
+        return "clients: this computer only"
+    return "clients: everybody, reading only, because commands need certificates"
 
 
 def _tell(does: str, site: str, network: FleetNetwork, may: str) -> None:
     where = ", ".join((*network.listen, *network.connect)) or LOCAL
     out.print(f"{does} {site}: {where}  ({may})", soft_wrap=True, highlight=False, markup=False)
     if (identity := network.identity) is not None and identity.is_soon_over(time.time()):
-        say(f"the certificate of {identity} expires on {identity.until}: issue another (umo connect certificate)")
+        say(f"the certificate of {identity} expires on {identity.until}: issue a new one (umo connect certificate)")

@@ -30,10 +30,13 @@ def make_authority(folder: Path) -> int:
 def make(folder: Path, kind: str, name: str, hosts: Sequence[str] = (), sites: Sequence[str] = ()) -> int:
     """Issue a certificate and print what to do with it."""
     if kind == ROUTER and not hosts:
-        raise OptionError("a router needs the name or address at which others reach it: --host plant.local")
+        raise OptionError("a router needs the name or address at which other computers reach it: --host plant.local")
     authority = Authority(folder.expanduser())
     target = authority.issue(kind, name, hosts, sites)
-    _print(f"{kind}:{name} is in {target}: copy this folder to the computer that uses it, and there:")
+    _print(
+        f"the certificate of {kind}:{name} is in {target}: copy this folder to the computer that uses the "
+        f"certificate, and use it there:"
+    )
     _print(f"  {USES[kind].format(target)}")
     _tell_servers(authority)
     return 0
@@ -41,7 +44,7 @@ def make(folder: Path, kind: str, name: str, hosts: Sequence[str] = (), sites: S
 
 def withdraw_rule(folder: Path, name: str) -> int:
     authority = Authority(folder.expanduser())
-    _print(f"{authority.withdraw(name)} is withdrawn")
+    _print(f"the certificate of {authority.withdraw(name)} is withdrawn")
     _tell_servers(authority)
     return 0
 
@@ -53,7 +56,7 @@ def list_issued(folder: Path) -> int:
         table.add_column(heading)
     for identity, _ in authority.issued():
         table.add_row(str(identity), identity.until, ", ".join(identity.hosts), _remark(identity, rules, now))
-    out.print(table) if table.row_count else _print("nothing was issued")
+    out.print(table) if table.row_count else _print("no certificate was issued")
     return 0
 
 
@@ -70,8 +73,8 @@ def _tell_servers(authority: Authority) -> None:
     servers = [str(identity) for identity, _ in authority.issued() if identity.hosts]
     if servers:
         _print(
-            f"the rules have changed: the folders on this computer of {', '.join(servers)} have them; "
-            f"copy {authority.folder / FILE} to those on other computers, and start these again"
+            f"the rules have changed: the folders of {', '.join(servers)} on this computer have the new rules. Copy "
+            f"{authority.folder / FILE} to the folders of routers and sites on other computers, and restart these"
         )
 
 

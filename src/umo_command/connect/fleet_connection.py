@@ -57,7 +57,7 @@ def _tell(session: zenoh.Session) -> None:
         except zenoh.ZError:  # it is being closed
             return
         if is_there != was_there:
-            say("the fleet is reached again" if is_there else "the fleet is away; waiting for it")
+            say("the fleet can be reached again" if is_there else "the fleet cannot be reached; waiting for it")
         was_there = is_there
 
 

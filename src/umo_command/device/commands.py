@@ -26,14 +26,15 @@ from umo_command.run.commands import injected, named
 from umo_command.shared import finite, group
 
 STATUS_OF_DEVICES = (
-    "0 done; 1 a device failed; 2 a mistake, see stderr; 3 an actuator is not at its default; 130 Ctrl-C"
+    "0 done; 1 a device failed; 2 the command line, the wiring or a declaration is wrong (see stderr); 3 an actuator "
+    "is not at its default; 130 Ctrl-C"
 )
 """Exit statuses of the commands that open devices."""
 command = group(
     "device",
     "Develop",
-    "Try devices and drivers by hand: read and write single objects, prove a driver, serve a plant in a "
-    "device's place.",
+    "Try devices and drivers by hand: read and write single objects, test a driver, serve a plant in place of a "
+    "device.",
     "umo device get ztheta z.encoder  |  umo device drivers modbus  |  umo device plant ztheta",
 )
 
@@ -49,7 +50,7 @@ def get(
         list[str],
         typer.Argument(
             metavar="PATH...",
-            help="Objects, such as z.encoder; signals too, while the station runs.",
+            help="Paths of objects, such as z.encoder; if the station runs, also of signals and tunable numbers.",
             autocompletion=completion.paths,
         ),
     ],
@@ -57,11 +58,14 @@ def get(
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Read objects by path. If the station runs, the live values are read, also of signals and tunable numbers; if
-    several runs of it are active, give the pid of one. If it does not run, this command opens its devices: it sets
-    every actuator to its default, reads, and sets every actuator to its default again. Below a sensor the content of
-    its circuit is shown if its driver supports that, such as registers in each order of their bytes. Options of the
-    machine follow the station's name.
+    """Read objects by path.
+
+    If the station runs, its live values are read. If several runs of the station are active, give the pid of one. If
+    the station does not run, this command opens its devices, sets every actuator to its default, reads, and sets every
+    actuator to its default again.
+
+    If the driver supports it, the raw content of the circuit is shown below a sensor, such as registers in each byte
+    order. Options of the machine follow the station's name.
     """
     from umo_command.device.get_set import get_values
 
@@ -72,8 +76,8 @@ def get(
     "set",
     epilog="Examples: umo device set ztheta gripper.vacuum ON --for 2  |  "
     "umo device set ztheta z.motor '-500 mV' --for 1",
-    status="0 done; 1 a device failed; 2 a mistake, or the hold ended early, see stderr; 3 an actuator is not at "
-    "its default; 130 Ctrl-C, or 0 if the actuator was held until Ctrl-C",
+    status="0 done; 1 a device failed; 2 the command line, the wiring or a declaration is wrong, or the hold ended "
+    "early (see stderr); 3 an actuator is not at its default; 130 Ctrl-C (0 if Ctrl-C ended a hold without --for)",
     context_settings=MACHINE_OPTIONS,
 )
 def set_(
@@ -91,12 +95,14 @@ def set_(
     acknowledge: Acknowledge = False,
     take: Take = False,
 ) -> int:
-    """Write and hold one actuator, show its value, then reset it.
+    """Write one actuator, hold and show its value, then reset the actuator.
 
-    If the station runs, the actuator is taken from the application; this needs manual mode (`umo do STATION mode`). If
-    several runs of it are active, give the pid of one. If it does not run, this command opens its devices: it sets
-    every actuator to its default, writes and holds this one, and sets every actuator to its default again. No control
-    code of the station runs meanwhile. Options of the machine follow the value.
+    If the station runs, this command takes the actuator from the application, which needs manual mode (`umo do STATION
+    mode manual`). If several runs of the station are active, give the pid of one.
+
+    If the station does not run, this command opens its devices, sets every actuator to its default, writes and holds
+    this actuator, and sets every actuator to its default again. No control code of the station runs meanwhile. Options
+    of the machine follow the value.
     """
     from umo_command.device.get_set import set_value
 
@@ -115,13 +121,14 @@ def drivers(
         typer.Argument(
             metavar="[NAME]",
             autocompletion=completion.drivers,
-            help="A driver: its name, module:Class, or .module:Class for a module of the station in this folder.",
+            help="Name of a driver, or module:Class, or .module:Class for a module of the station in the current "
+            "folder.",
         ),
     ] = None,
 ) -> None:
-    """List the drivers, or describe one: its options, channels and functions.
+    """List the drivers, or show the options, channels and functions of one driver.
 
-    Some drivers need their options to list their channels; give these after the name.
+    Some drivers can list their channels only with their options. Give the options after the name.
     """
     from umo_command.device.drivers import show_driver, show_drivers
 
@@ -135,9 +142,9 @@ def drivers(
     epilog="Examples: umo device conform oven/wiring/modbus.toml  |  "
     "umo device conform oven -w modbus --only coil:3 --yes  |  "
     "umo device conform oven -w bench --loopback dac:0=adc:0",
-    status="0 every rule was kept; 1 a rule is broken, or a device failed; 2 a mistake, or you did not agree; 3 "
-    "no rule is broken, but the line could not be disturbed, or the time was too short for all rules; 130 "
-    "Ctrl-C",
+    status="0 every rule was kept; 1 a rule is broken, or a device failed; 2 the command line or the wiring is wrong, "
+    "or you did not agree; 3 no rule is broken, but the line could not be disturbed, or the time was too short for "
+    "all rules; 130 Ctrl-C",
     context_settings=MACHINE_OPTIONS,
 )
 def conform(
@@ -146,45 +153,48 @@ def conform(
         str,
         typer.Argument(
             metavar="STATION|WIRING",
-            help="A station (with -w), or a wiring file of one.",
+            help="A station (with -w), or a wiring file of a station.",
             autocompletion=completion.stations,
         ),
     ],
     wiring: WiringName = None,
     driver: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The driver to test; default: the only one with hardware.")
+        str | None, typer.Option(metavar="NAME", help="Driver to test; default: the only driver with hardware.")
     ] = None,
     loopback: Annotated[
         list[str] | None,
-        typer.Option(metavar="OUT=IN", help="An output and the input that reads its level. Can be repeated."),
+        typer.Option(metavar="OUT=IN", help="Output, and input that reads the level of the output. May be repeated."),
     ] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="CHANNEL", help="Use this channel or object, and no others. Can be repeated."),
+        typer.Option(metavar="CHANNEL", help="Channel or object to use; default: all of the driver. May be repeated."),
     ] = None,
     refused: Annotated[
         list[str] | None,
-        typer.Option(metavar="CHANNEL", help="A channel that the device is expected to refuse. Can be repeated."),
+        typer.Option(metavar="CHANNEL", help="Channel that the device is expected to refuse. May be repeated."),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(min=0.0, callback=finite, help="Tolerance of loop-backs, in the unit of the output.")
+        float,
+        typer.Option(min=0.0, callback=finite, help="Tolerance of loop-backs, in the unit of the output; default: 0."),
     ] = 0.0,
     steady: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="CHANNEL", help="An input that does not change by itself during the test. Can be repeated."
-        ),
+        typer.Option(metavar="CHANNEL", help="Input that does not change by itself during the test. May be repeated."),
     ] = None,
     unstructured: Annotated[
         bool,
         typer.Option(
-            "--unstructured", help="Any bytes are a valid answer of this device: there is no header and no line end."
+            "--unstructured",
+            help="Say that any bytes are a valid answer of this device, because an answer has no "
+            "header and no line end.",
         ),
     ] = False,
     sole_writer: Annotated[
         bool,
         typer.Option(
-            "--sole-writer", help="No other client writes, so the driver may keep a copy of a shared register."
+            "--sole-writer",
+            help="Say that no other client writes to the device, so that the driver may keep a copy "
+            "of a shared register.",
         ),
     ] = False,
     lasting: Annotated[float, time_option("--for", help="Time limit; default: 2 min.")] = 120.0,
@@ -192,9 +202,10 @@ def conform(
     yes: Annotated[bool, typer.Option("--yes", help="Drive the outputs without asking.")] = False,
     acknowledge: Acknowledge = False,
 ) -> int:
-    """Test with its device whether a driver keeps its contract. The outputs are driven over the ranges of their
-    objects, after you have agreed; all go to their defaults at the end. A driver with the options host and port, or
-    serial, is also tested with a disturbed line to its device.
+    """Test a driver with its device: does the driver keep the contract for drivers?
+
+    The command asks before it drives the outputs over the ranges of their objects. At the end all outputs go to their
+    defaults. If the driver has the options host and port, or serial, the line to its device is also disturbed.
     """
     from umo_command.device.conform import Choice, conform_wiring
 
@@ -218,7 +229,7 @@ def conform(
 @command(
     epilog="Examples: umo device plant ztheta  |  umo device plant ztheta --port 1502 --seed 7 --faults leaky-cup  |  "
     "umo device plant my-machine -w modbus --help",
-    status="0 ended by Ctrl-C; 1 the plant failed; 2 a mistake, see stderr",
+    status="0 ended by Ctrl-C; 1 the plant failed; 2 the command line or a wiring is wrong (see stderr)",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
 )
@@ -231,7 +242,7 @@ def plant(
             "--wiring",
             "-w",
             metavar="NAME|FILE",
-            help="Modbus wiring with the register of each object; default: modbus, or the only one.",
+            help="Modbus wiring, which has the register of each object; default: modbus, or the only Modbus wiring.",
             autocompletion=completion.wirings,
         ),
     ] = None,
@@ -239,29 +250,35 @@ def plant(
         str | None,
         typer.Option(
             metavar="NAME|FILE",
-            help="Simulated wiring that has the plant; default: the station's first, simulated.",
+            help="Simulated wiring, which has the plant; default: the first wiring of the station (simulated).",
             autocompletion=completion.wirings,
         ),
     ] = None,
     host: Annotated[
-        str | None, typer.Option(metavar="HOST", help="Address to serve at; default: the wiring's.")
+        str | None, typer.Option(metavar="HOST", help="Address to serve at; default: the address in the Modbus wiring.")
     ] = None,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="TCP port; 0: any free port; default: the wiring's.")
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="TCP port, or 0 for any free port; default: the port in the Modbus wiring."
+        ),
     ] = None,
     watchdog: Annotated[
         float | None,
-        time_option(may_be_0=True, help="Watchdog timeout, at most 65.535 s; 0: off; default: the wiring's."),
+        time_option(
+            may_be_0=True,
+            help="Watchdog timeout, at most 65.535 s, or 0 for no watchdog; default: the timeout in the Modbus wiring.",
+        ),
     ] = None,
-    out: Annotated[Path | None, out_option("FILE.json", "Write the plant's own report to this file.")] = None,
+    out: Annotated[Path | None, out_option("FILE.json", "Write the report of the plant to this file.")] = None,
     fault: Faults = None,
     fault_seed: FaultSeed = None,
     help_: Help = False,
 ) -> None:
-    """Serve a station's plant over Modbus TCP in real time, like the controller boxes of the machine.
+    """Serve the plant of a station over Modbus TCP in real time, in place of the controller boxes of the machine.
 
-    The simulated wiring gives the plant channel of each object, the Modbus wiring its box and register. The options of
-    the plant's drivers follow the name of the station.
+    The simulated wiring gives the plant channel of each object. The Modbus wiring gives the box and register of each
+    object. Options of the plant's drivers follow the station's name.
     """
     name = named(context, help_, station, plant_wiring, application=False)
 

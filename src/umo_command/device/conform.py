@@ -133,7 +133,7 @@ def _station(target: str, wiring: str | None) -> tuple[Station, str | None]:
         raise StationError(f"there is no wiring {target}")
     folder = station_of(file)
     if folder is None:
-        raise StationError(f"{target} is not in a station; give the station, and the wiring by -w")
+        raise StationError(f"{target} is not in the folder of a station; give the station, and the wiring with -w")
     return find(folder), target
 
 
@@ -152,7 +152,7 @@ def _driver(wired: Wired, given: str | None) -> str:
             return found[0]
         if found:
             break
-    raise StationError(f"the wiring has several drivers: choose one by --driver: {names}")
+    raise StationError(f"the wiring has several drivers: choose one with --driver: {names}")
 
 
 def _wires(wired: Wired, name: str, only: Sequence[str]) -> list[Wire]:
@@ -206,7 +206,7 @@ def _refused(driver: Driver[Any], wired: Wired, texts: Sequence[str]) -> tuple[s
         places = set(driver.channel(text).places)
         for wire in wired.wires:
             if wire.driver is driver and places & set(wire.channel.places):
-                raise StationError(f"--refused {text}: {wire.path} is wired to it")
+                raise StationError(f"--refused {text}: {wire.path} is wired to this channel")
     return tuple(texts)
 
 
@@ -258,7 +258,7 @@ def _consent(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], ye
         return
     if not sys.stdin.isatty():
         paths = [wire.path for wire in wires if wire.item.direction is Direction.OUTPUT]
-        raise NotDriven(f"this drives {some(paths)} over the whole range: confirm it by --yes")
+        raise NotDriven(f"this command drives {some(paths)} over the whole range: confirm with --yes")
     try:
         agreed = input("Drive these outputs? [y/N] ").strip().lower() in ("y", "yes")
     except (EOFError, KeyboardInterrupt):
@@ -270,7 +270,9 @@ def _consent(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], ye
 
 def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Table:
     ranges = {output.channel: output for output in subject.outputs}
-    table = Table("object", "channel", "raw levels", "values", "default", title=f"to be driven: {', '.join(devices)}")
+    table = Table(
+        "object", "channel", "raw levels", "values", "default", title=f"outputs to drive on {', '.join(devices)}"
+    )
     for wire in wires:
         if (output := ranges.get(wire.channel.text)) is None:
             table.add_row(wire.path, wire.channel.text, "read; a write must be refused", "", "")

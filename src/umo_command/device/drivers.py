@@ -73,9 +73,11 @@ def show_driver(name: str, arguments: Sequence[str]) -> None:
         options.add(label((_written(parameter), "cyan"), (described.get(key, ""), "")))
     for key, (kind, text) in _of_all(cls).items():
         options.add(label((f"{key}: {kind}", "cyan"), (text, "")))
-    tree.add(Text(f"channels: {_forms(cls, given) or 'known with its options: give them after the name'}"))
+    tree.add(
+        Text(f"channels: {_forms(cls, given) or 'known only with the options of the driver: give them after its name'}")
+    )
     own = [name for name, default in FUNCTIONS.items() if getattr(cls, name, default) is not default]
-    tree.add(Text(f"functions of its own: {', '.join(own)}"))
+    tree.add(Text(f"additional functions: {', '.join(own)}"))
     out.print(tree)
     for paragraph in others:
         if not paragraph.startswith("Options:\n"):

@@ -128,12 +128,13 @@ def _running(name: str, wiring: str | None, arguments: Sequence[str]) -> Reader 
     here = Path(name).resolve()
     if not (name.isdigit() or is_path(name)) and (here / MARK).is_file() and about["place"] != str(here):
         raise FramesError(
-            f"{name} is a station in this folder that is not running, and one that runs elsewhere (pid {about['pid']}, "
-            f"{about['place']}): give ./{name}, or the pid"
+            f"{name} names two stations: the one in this folder, which is not running, and {about['place']}, which is "
+            f"running (pid {about['pid']}): give ./{name} or the pid"
         )
     if given := [each for each in arguments if each.startswith("--")]:
         raise OptionError(
-            f"{about['station']} is running (pid {about['pid']}): its machine has been made; leave out {given[0]}"
+            f"{about['station']} is running (pid {about['pid']}): options of its machine cannot be changed; leave out "
+            f"{given[0]}"
         )
     return reader
 
@@ -170,7 +171,7 @@ def _announce(connection: connect[Any], station: Station, file: Path | None, wha
     def say_once() -> None:
         wired = connection.wired
         opened = some(sorted(wired.devices) or [f"driver {each}" for each in wired.drivers])
-        does = f"this {what} opens {opened}, and brings every actuator to its default before and after it"
+        does = f"this {what} opens {opened}, and sets every actuator to its default before and afterwards"
         say(printable(f"{name} is not running: {does}"))
 
     connection.on_step = say_once

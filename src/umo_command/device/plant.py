@@ -86,5 +86,5 @@ def _changed(maps: Sequence[RegisterMap], changes: Mapping[str, Any]) -> list[Re
     given = {name: value for name, value in changes.items() if value is not None}
     if len(maps) > 1 and (given.keys() & {"host", "port"}):
         names = ", ".join(each.name for each in maps)
-        raise StationError(f"--host and --port are for a wiring of one box; this one has {len(maps)}: {names}")
+        raise StationError(f"--host and --port need a wiring with one box; this wiring has {len(maps)}: {names}")
     return [replace(each, **given) for each in maps]

@@ -43,7 +43,7 @@ def _acknowledge_ends(name: str) -> None:
     stopped = [each for each in records if each.device == name or each.station in names]
     if not stopped:
         near = did_you_mean(name, [each.station for each in records])
-        raise FramesError(f"{name!r} neither runs nor has stopped unsafely{near}") from None
+        raise FramesError(f"{name!r} neither runs nor stands stopped{near}") from None
     for ended in stopped:
         DeviceClaim([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
         out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
@@ -58,7 +58,7 @@ def clear(name: str, paths: Sequence[str], over: bool) -> None:
                 answer = station.clear(part)  # it names what was cleared
                 out.print(answer if answer.startswith("cleared") or not part else f"{part}: {answer}", soft_wrap=True)
         if not parts:
-            out.print(f"{', '.join(paths)}: not in any equipment", soft_wrap=True)
+            out.print(f"{', '.join(paths)}: not part of any equipment", soft_wrap=True)
 
 
 def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:

@@ -105,7 +105,7 @@ def call(name: str, path: str | None, words: Sequence[str], over: bool, hold: fl
             )
         given = arguments_of(actions[path], words)
         if hold is not None and not actions[path]["dead_man"]:
-            raise RangeError(f"{path} ends by itself; --for is for dead-man actions, such as a jog")
+            raise RangeError(f"{path} ends by itself; --for can only be used with dead-man actions, such as a jog")
         status = 0
         with hinting(station.reader), leased(station, over) as lease:
             try:
@@ -218,10 +218,10 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
         given = setting_text(value)
         out.print(f"{path}  {setting_text(now[path])} -> {given} {shown_unit(unit)}".rstrip())
         if path in station.reader.kept:
-            err.print("it is declared kept: the next run has it", soft_wrap=True)
+            err.print("the number is declared kept: the next run begins with this value", soft_wrap=True)
             return
         keep = f"put {toml_line(path, given)} under [parameters] of the wiring"
-        err.print(f"until the run ends; to keep it, {keep}", soft_wrap=True)
+        err.print(f"this value lasts until the run ends; to keep it, {keep}", soft_wrap=True)
 
 
 def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
@@ -244,8 +244,9 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
         if inspected and "site" not in about:  # on another computer it is asked for there
             name = about["station"]
             say(
-                f"what the circuit holds for {some(inspected)}, such as registers in each order of their bytes, is "
-                f"read while it does not run: `umo do {name} stop`, then `umo device get {name} {' '.join(inspected)}`"
+                f"the raw content of the circuit of {some(inspected)}, such as registers in each byte order, can be "
+                f"read only while the station does not run: `umo do {name} stop`, then `umo device get {name} "
+                f"{' '.join(inspected)}`"
             )
         if changed := changed_text(changed_files(about)):
             say(changed)
@@ -274,7 +275,7 @@ def _no_object(station: RemoteStation, path: str, known: Sequence[str]) -> PathE
         of_objects = any(each.startswith(f"{path}.") for each in station.reader.paths)
         what = "a compound object" if of_objects else "not an object"
         return PathError(f"{path} is {what}; name one of its {'parts' if of_objects else 'numbers'}: {some(below)}")
-    shown = "a number that is shown: it cannot be set" if isinstance(item, float | str) else "not an object"
+    shown = "a number that is only shown and cannot be set" if isinstance(item, float | str) else "not an object"
     return PathError(f"{path} is {shown}")
 
 

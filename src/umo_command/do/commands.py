@@ -17,15 +17,16 @@ command = HelpPanel("Operate")
     epilog="Examples: umo do ztheta  |  umo do ztheta mode manual  |  "
     "umo do ztheta call z.move_to 'position=100 mm'  |  "
     "umo do ztheta call z.jog velocity=-5000 --for 2s  |  umo do ztheta acknowledge  |  umo do ztheta stop",
-    status="0 done; 1 the machine, a device or code failed; 2 a mistake, or the hold ended early, see stderr; 130 "
-    "Ctrl-C, or 0 for a hold until Ctrl-C",
+    status="0 done; 1 the machine, a device or code failed; 2 the command is wrong or refused, or the hold ended "
+    "early (see stderr); 130 Ctrl-C (0 if Ctrl-C ended a hold without --for)",
 )
 def do(
     station: Annotated[
         str,
         running_argument(
             "STATION",
-            "Name or pid of a station that runs in real time (see `umo`), or of one whose devices stand stopped.",
+            "Name or pid of a station that runs in real time (see `umo`); for acknowledge also a station or a device "
+            "that stands stopped.",
         ),
     ],
     verb: Annotated[
@@ -40,7 +41,7 @@ def do(
         list[str] | None,
         typer.Argument(
             metavar="[PATH] [NAME=VALUE]...",
-            help="The path, and the arguments of the verb, by name or in their order.",
+            help="The path, then the arguments of the verb, as NAME=VALUE or in their order.",
             autocompletion=completion.words_of_verb,
         ),
     ] = None,
@@ -49,12 +50,15 @@ def do(
 ) -> int:
     """Command a running station: change its mode, call an action, write, acknowledge, clear, stop.
 
-    Without a verb all verbs and the actions of the station are listed (docs/verbs.md). `mode`, `call` and `tune` alone
-    show the mode and the lease, the actions, the numbers. Ctrl-C cancels an action. In manual mode the application
-    waits, and no time passes for it. Its outputs go to their defaults or are held, as declared; control laws continue.
-    `acknowledge` and `clear` take several paths and patterns; without a path they apply to all. For a device, or a
-    station that does not run, `acknowledge` acknowledges the unsafe end of its last run. Inspect the machine first: the
-    next run starts without --acknowledge.
+    Without a verb, the command lists all verbs (docs/verbs.md) and the actions of the station. `mode` alone shows the
+    mode and the lease, `call` alone the actions, `tune` alone the numbers. Ctrl-C cancels an action.
+
+    In manual mode the application waits, and no time passes for it. The outputs that it drives go to their defaults or
+    are held, as declared; control laws continue.
+
+    `acknowledge` and `clear` take several paths and patterns; without a path they apply to everything. If a run ended
+    unsafely, its devices stand stopped. `acknowledge` with the name of the station or device then allows the next run.
+    Inspect the machine first.
     """
     from umo_command.do.do_verb import do as work
 

@@ -37,7 +37,10 @@ def do(name: str, verb: str | None, words: Sequence[str], over: bool, held: floa
     if (found := verb_of(verb)) is None:
         raise OptionError(f"there is no command {verb!r}{_meant(name, verb)}; `umo do {name}` lists them")
     if held is not None and found not in (WRITE, CALL):
-        raise OptionError(f"{found.name} ends by itself; --for is for what is held: an actuator, a jog")
+        raise OptionError(
+            f"{found.name} ends by itself; --for can only be used to hold an actuator or a dead-man "
+            f"action, such as a jog"
+        )
     if found in HANDLERS:
         return HANDLERS[found](name, words, over, held) or 0
     for path, given in _paths_of(found, words):

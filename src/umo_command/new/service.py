@@ -27,7 +27,7 @@ REFUSED = {
     "acknowledge": "a service must not acknowledge an unsafe end by itself",
     "fault": "faults are injected by hand",
     "fault_seed": "faults are injected by hand",
-    "fresh": "each start would move the kept values aside; `umo run STATION --fresh` does it once, by hand",
+    "fresh": "each start would discard the kept values; to do this once, use `umo run STATION --fresh`",
     "full_traceback": "failure.txt in the run's folder has the traceback",
     "help_": "`umo run STATION --help` shows the options",
 }
@@ -133,10 +133,11 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
     file = f"{unit.name}.service"
     if not SYSTEMD.is_dir():
         line = f"cd {shlex.quote(unit.folder)} && {shlex.join(unit.command)}"
-        never = "after status 2, 3 or 4" if unit.wired.hardware else "after any end: how a run ended is not recorded"
+        without = "at all, because umo does not record how a run without hardware ended"
+        never = "after status 2, 3 or 4" if unit.wired.hardware else without
         return [
-            f"systemd does not run here; the same in the foreground, for any supervisor: {line}",
-            f"a supervisor must not start it again {never} (docs/howto-run-as-a-service.md)",
+            f"systemd does not run here; the command line for the foreground or another supervisor: {line}",
+            f"a supervisor must not restart the station {never} (docs/howto-run-as-a-service.md)",
         ]
     own = " --user" if unit.user is None else ""
     folder, sudo = ("~/.config/systemd/user", "") if own else ("/etc/systemd/system", "sudo ")
@@ -146,12 +147,15 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
         f"{sudo}systemctl{own} daemon-reload",
         f"{sudo}systemctl{own} enable --now {file}",
     ]
-    linger = "it starts at boot, and survives a logout: loginctl enable-linger"
-    stays = f"`umo show stations` finds it after a logout of {unit.user} too: sudo loginctl enable-linger {unit.user}"
+    linger = "so that the unit starts at boot, and survives a logout: loginctl enable-linger"
+    stays = (
+        f"so that `umo show stations` finds the station also after a logout of {unit.user}: sudo loginctl "
+        f"enable-linger {unit.user}"
+    )
     return [
         f"next: {' && '.join(steps)}",
         f"then: systemctl{own} status {unit.name}; journalctl{own} -u {unit.name} -f; umo show stations",
-        *([f"{linger}; real-time priority: LimitRTPRIO of user@.service"] if own else []),
+        *([f"{linger}; for real-time priority: set LimitRTPRIO of user@.service"] if own else []),
         *([stays] if unit.user not in (None, "root") else []),
     ]
 
@@ -160,7 +164,7 @@ def _standing(plan: Plan) -> list[str]:
     """Return what must be acknowledged before the first start."""
     ended = [each.brief for device in plan.wired.devices for each in standing(device) if each.state == "stopped"]
     return (
-        [f"it cannot start while these devices stand stopped: {some(ended)}; `umo do {plan.name} acknowledge`"]
+        [f"the unit cannot start while these devices stand stopped: {some(ended)}; `umo do {plan.name} acknowledge`"]
         if ended
         else []
     )

@@ -14,7 +14,7 @@ MODEL = Path("/proc/device-tree/model")
 OVERLAYS = {
     "i2c": "dtparam=i2c_arm=on",
     "spi": "dtparam=spi=on",
-    "serial": "enable_uart=1 for the serial port of the header, without a login on it",
+    "serial": "enable_uart=1 for the serial port of the header, which must not have a login",
 }
 """Lines of config.txt by the kind of device."""
 
@@ -42,7 +42,7 @@ def hints(devices: Iterable[str]) -> list[str]:
     lines = [line for kind, line in OVERLAYS.items() if kind in kinds]
     return [
         *([f"{model}: in /boot/firmware/config.txt: {'; '.join(lines)}"] if lines else []),
-        f"{model}: periods below 10 ms: a PREEMPT_RT kernel, and isolcpus=3 in /boot/firmware/cmdline.txt "
+        f"{model}: periods below 10 ms need a PREEMPT_RT kernel, and isolcpus=3 in /boot/firmware/cmdline.txt "
         "(docs/howto-run-as-a-service.md)",
     ]
 
@@ -51,7 +51,10 @@ def _advice(kind: str, group: str) -> str:
     rule = (
         f'; a rule of udev, such as SUBSYSTEM=="{kind}", GROUP="{group}", MODE="0660"' if kind in WITHOUT_RULE else ""
     )
-    return f"there is no group {group} here, so the unit does not name it: sudo groupadd --system {group}{rule}"
+    return (
+        f"there is no group {group} here, so the unit does not name it; to create the group: sudo groupadd --system "
+        f"{group}{rule}"
+    )
 
 
 def _owner(device: str) -> str | None:

@@ -101,7 +101,7 @@ class ServiceUnit:
             *self._restart(),
             f"SuccessExitStatus={' '.join(map(str, map(int, SUCCESS)))}",
             "",
-            "# All processes are asked to stop, and have the time that the wiring's limits add up to.",
+            "# All processes are asked to stop. The time that they have is the sum of the time limits in the wiring.",
             "KillMode=control-group",
             "KillSignal=SIGTERM",
             "WatchdogSignal=SIGTERM",
@@ -115,12 +115,12 @@ class ServiceUnit:
     def _restart(self) -> list[str]:
         if not self.wired.hardware:
             return [
-                "# No driver names a device, so how a run ended is not recorded: it is not restarted.",
+                "# No driver names a device, so umo does not record how a run ended: the unit is not restarted.",
                 "Restart=no",
             ]
         return [
-            f"# Not after {', '.join(map(str, map(int, NO_RESTART)))}: a mistake or a machine that stands stopped, an "
-            "actuator not at its default, no record.",
+            f"# Not after {', '.join(map(str, map(int, NO_RESTART)))}: a wrong option or wiring, a machine that "
+            f"stands stopped, an actuator not at its default, no record.",
             "Restart=on-failure",
             f"RestartSec={RESTART_PAUSE}",
             f"RestartPreventExitStatus={' '.join(map(str, map(int, NO_RESTART)))}",
@@ -136,7 +136,7 @@ class ServiceUnit:
             "LimitRTPRIO=99",
             "LimitMEMLOCK=infinity",
             "",
-            "# The records of how runs ended lie in /var/tmp: a private one would hide them.",
+            "# umo records how runs ended in /var/tmp: a private /var/tmp would hide these records.",
             "PrivateTmp=no",
             *(f"{name}={value}" for name, value in hardening.items()),
         ]
@@ -178,6 +178,7 @@ def plain(text: str) -> str:
     """Return a value that systemd uses unchanged, with `%` doubled. Raises OptionError if a line cannot contain it."""
     if not text.isprintable() or text != text.strip() or text.endswith("\\"):
         raise OptionError(
-            f"{text!r} cannot stand in a systemd unit: no line breaks, blanks at its ends, or \\ at its end"
+            f"{text!r} cannot be written in a systemd unit: it must not contain a line break, begin or end with a "
+            f"blank, or end with \\"
         )
     return text.replace("%", "%%")

@@ -35,7 +35,7 @@ def make_station(directory: Path) -> None:
         raise StationError(f"{printable(name)!r} is not a name for a station: {what}; try {near}")
     own = directory.absolute().name
     if _is_module(own):
-        what = "is the name of an installed module, at which type checkers would look in the station's place"
+        what = "is the name of an installed module, which type checkers would read instead of the station"
         raise StationError(f"{own} {what}; try {own}-machine")
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise StationError(f"{directory} is not empty; nothing was written")
@@ -51,7 +51,7 @@ def make_station(directory: Path) -> None:
         raise StationError(f"{directory} cannot be written: {error}") from error
     out.print(
         f"{directory} is a station. Try:  umo run {directory}   umo show parts {directory}   pytest {directory}\n"
-        f"Mistakes before it runs:  umo check {directory}   and, in {directory}, mypy (pip install mypy)\n"
+        f"To find errors before a run:  umo check {directory}   and, in {directory}, mypy (pip install mypy)\n"
         f"By hand:  umo run {directory} --manual   and in another terminal  umo do {directory} call fill target=200mm",
         soft_wrap=True,
     )
@@ -81,7 +81,7 @@ def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
     stand_in = f"{device[0]} the device for its tests" if device else "with a device in memory"
     own = "the options and the frames" if device else "the options and the class Device"
     out.print(
-        f"{driver} is a driver, {stand_in}; {test} proves that it keeps its contract. Try:\n"
+        f"{driver} is a driver, {stand_in}; {test} tests whether it keeps its contract. Try:\n"
         f"  pytest {test}\n"
         f"  umo device drivers {kind}\n"
         f"In {driver}, replace CHANNELS, {own} by those of your device.\n"
@@ -103,7 +103,7 @@ def make_face(name: str, folder: Path) -> None:
     _write(made)
     face, test = (file.name for file in made)
     out.print(
-        f"{face} is a face, JSON over TCP; {test} proves that it keeps its contract. Try:\n"
+        f"{face} is a face that serves JSON over TCP; {test} tests whether it keeps its contract. Try:\n"
         f"  pytest {test}\n"
         f"  umo connect face {name}:{cls} --commands\n"
         f"In {face}, replace the lines by the protocol of your clients (docs/howto-write-a-face.md).",

@@ -27,23 +27,28 @@ from umo_command.shared import group
 command = group(
     "recording",
     "Records",
-    "Record a station exactly, and look at recordings and runs: export, plot, replay, repair; histories of fleets.",
+    "Record a station exactly. Export, plot, replay and repair recordings. List runs. Store and query the history of "
+    "a fleet.",
     "umo recording make ztheta  |  umo recording info run.mcap  |  umo recording replay run.mcap",
 )
 
 OptionalFile = Annotated[
-    Path | None, typer.Argument(metavar="[FILE.mcap]", help="The file; default: STATION-DATE-TIME.mcap.")
+    Path | None, typer.Argument(metavar="[FILE.mcap]", help="The recording to write; default: STATION-DATE-TIME.mcap.")
 ]
-FROM_RECORDING = "0 done; 2 it is not a recording, cannot be written, or a mistake, see stderr; 130 Ctrl-C"
+FROM_RECORDING = (
+    "0 done; 2 the file is not a recording, the output cannot be written, or the command line is wrong "
+    "(see stderr); 130 Ctrl-C"
+)
 STATION_HELP = (
-    "The code: the folder or name of a station, or FILE.py:MACHINE:APPLICATION; default: the station that ships with "
-    "umo or is installed under the recorded name."
+    "Code to run: the folder or name of a station, or FILE.py:MACHINE:APPLICATION; default: the shipped or installed "
+    "station with the recorded name."
 )
 RecordedCode = Annotated[
     str | None, typer.Argument(metavar="[STATION]", help=STATION_HELP, autocompletion=completion.stations)
 ]
 PathsOfRecording = Annotated[
-    list[str] | None, typer.Argument(metavar="[PATH]...", help="Objects, signals, compounds or patterns; default: all.")
+    list[str] | None,
+    typer.Argument(metavar="[PATH]...", help="Paths of objects, signals or compounds, or patterns; default: all."),
 ]
 HistoryFolder = Annotated[Path, typer.Argument(metavar="[DIR]", help="Folder of the history; default: fleet-history.")]
 HISTORY = Path("fleet-history")
@@ -53,8 +58,8 @@ HISTORY = Path("fleet-history")
     epilog="Examples: umo recording make ztheta  |  umo recording make ztheta run.mcap --rotate '1 h' --keep "
     "'20 GB'  |  "
     "umo recording make ztheta --last '10 min'",
-    status="0 ended by the end of the run or Ctrl-C; 1 a file cannot be read or written; 2 a mistake, see stderr; "
-    "4 not everything was recorded",
+    status="0 the run has ended, or Ctrl-C; 1 a file cannot be read or written; 2 the command line is wrong (see "
+    "stderr); 4 not everything was recorded",
 )
 def make(
     station: Running,
@@ -62,7 +67,8 @@ def make(
     last: Annotated[
         float | None,
         time_option(
-            help="Flight recorder: keep the last '10 min'; saved if the run fails, or with umo recording save.",
+            help="Flight recorder: keep only this last time, such as '10 min'. It is saved if the run fails, and by "
+            "umo recording save.",
         ),
     ] = None,
     rotate: Annotated[float | None, time_option(help="Begin a new file after this time; default: 1 h.")] = None,
@@ -71,15 +77,21 @@ def make(
     ] = None,
     keep: Annotated[
         str | None,
-        typer.Option(metavar="SIZE", help="Beyond this size reduce older files to what replay needs."),
+        typer.Option(
+            metavar="SIZE",
+            help="Limit the total size, such as '20 GB', by reducing the oldest files to what a replay needs.",
+        ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(help="Messages per second for Foxglove, PlotJuggler and Rerun; default: 100.")
+        float | None,
+        typer.Option(help="Number of messages per second for Foxglove, PlotJuggler and Rerun; default: 100."),
     ] = None,
 ) -> int:
-    """Record the exact values of every period of a running station in an MCAP file, which Foxglove, PlotJuggler and
-    Rerun can open too. A process reads the frames of the station and does not disturb it. A recording from the
-    beginning of a run (umo run --record) can be replayed. Frames that are lost are counted and marked.
+    """Record the exact values of every period of a running station.
+
+    The file is an MCAP file, which Foxglove, PlotJuggler and Rerun can open too. Recording does not disturb the
+    station. To replay a run, record it from its beginning (umo run --record). Periods that could not be recorded are
+    counted and marked.
     """
     from umo_command.recording.making import record_station
 
@@ -88,7 +100,7 @@ def make(
 
 @command(
     epilog="Examples: umo recording save ztheta  |  umo recording save ztheta jam.mcap",
-    status="0 done; 1 a file cannot be written; 2 a mistake, see stderr",
+    status="0 done; 1 the file cannot be written; 2 the command line is wrong (see stderr)",
 )
 def save(station: Running, file: OptionalFile = None) -> int:
     """Save the content of a station's flight recorder (umo recording make --last, umo run --record --last)."""
@@ -99,7 +111,7 @@ def save(station: Running, file: OptionalFile = None) -> int:
 
 @command(
     epilog="Examples: umo recording repair run.mcap",
-    status="0 it is complete; 2 it is not a recording, or cannot be written, see stderr",
+    status="0 the file is now complete; 2 the file is not a recording, or cannot be written (see stderr)",
 )
 def repair(file: RecordingFile) -> int:
     """Repair a file that is incomplete or damaged."""
@@ -110,7 +122,7 @@ def repair(file: RecordingFile) -> int:
 
 @command(
     epilog="Examples: umo recording info run.mcap  |  umo recording info run.mcap --json",
-    status="0 done; 2 it is not a recording, see stderr",
+    status="0 done; 2 the file is not a recording (see stderr)",
 )
 def info(file: RecordingFile, as_json: Json = False) -> int:
     """Describe a recording: its run, time and duration, missing periods, and whether it can be replayed."""
@@ -130,15 +142,18 @@ def export(
     paths: PathsOfRecording = None,
     out: Annotated[
         Path | None,
-        out_option("FILE", "The file; its ending gives the format: .parquet, .csv or .npz; default: FILE.parquet."),
+        out_option(
+            "FILE", "File to write; its ending selects the format: .parquet, .csv or .npz; default: FILE.parquet."
+        ),
     ] = None,
     start: From = None,
     stop: To = None,
 ) -> int:
     """Write every period of a recording as Parquet, CSV or NumPy (.npz).
 
-    Parquet has the table `values` of a fleet's history, a row for each value, so that one query covers both; CSV has a
-    row for each period; .npz an array for each object and signal, its quality, and the times.
+    Parquet has one row for each value, like the table `values` of a fleet's history, so that one query covers both. CSV
+    has one row for each period. NumPy has the times, and an array of values and an array of qualities for each object
+    and signal.
     """
     from umo_command.recording.files import ValueSelection
     from umo_command.recording.files import export as work
@@ -154,7 +169,9 @@ def export(
 def plot(
     file: RecordingFile,
     paths: PathsOfRecording = None,
-    out: Annotated[Path | None, out_option("FILE.png", "Default: beside the recording, by its name.")] = None,
+    out: Annotated[
+        Path | None, out_option("FILE.png", "Picture to write; default: FILE.png, next to the recording.")
+    ] = None,
     start: From = None,
     stop: To = None,
 ) -> int:
@@ -169,7 +186,8 @@ def plot(
     epilog="Examples: umo recording replay run.mcap  |  umo recording replay run.mcap my-machine  |  "
     "umo recording replay run.mcap --set z.servo.gain=0.004  |  umo recording replay run.mcap --at 12.3s  |  "
     "umo recording replay run.mcap --break 'abs(z.servo.error) > 50'",
-    status="0 identical; 1 different; 2 the recording cannot be replayed, or a mistake, see stderr; 130 Ctrl-C",
+    status="0 the commands are identical; 1 they differ; 2 the recording cannot be replayed, or the command line is "
+    "wrong (see stderr); 130 Ctrl-C",
 )
 def replay(
     file: RecordingFile,
@@ -180,35 +198,40 @@ def replay(
         typer.Option(
             "--set",
             metavar="PATH=VALUE",
-            help="Change the value of a number, and draw the commands that follow. May be repeated.",
+            help="Change the value of a number, and draw how the commands change. May be repeated.",
         ),
     ] = None,
     out: Annotated[
-        Path | None, out_option("FILE.png", "File of this plot; default: FILE.what-if.png, beside the recording.")
+        Path | None,
+        out_option("FILE.png", "File for the plot of --set; default: FILE.what-if.png, next to the recording."),
     ] = None,
     at: Annotated[
         str | None,
         typer.Option(
             metavar="TIME|PERIOD|first-difference|end",
-            help="Stop at this time in a debugger, such as 12.3s, with the machine in its state of that time.",
+            help="Stop in a debugger at this time, such as 12.3s, or in this period. The machine is in the state that "
+            "it had then.",
         ),
     ] = None,
     condition: Annotated[
         str | None,
         typer.Option(
-            "--break", metavar="EXPR", help="Stop in a debugger each time that this becomes true: 'z.servo.error > 50'."
+            "--break",
+            metavar="EXPR",
+            help="Stop in a debugger each time this expression becomes true, such as 'z.servo.error > 50'.",
         ),
     ] = None,
 ) -> int:
-    """Run the present control code on the inputs of a recording, and compare what it commands, to the bit.
+    """Run the present control code with the inputs of a recording, and compare its commands with the recorded ones, bit
+    by bit.
 
     No device is opened. Times, missed periods, errors of drivers and the commands of clients also come from the
     recording. The first difference is printed with its period, its object, both values, and the line of each sequence.
 
-    A recording contains no code. The code is that of STATION or, without it, of the station that ships or is installed
-    under the recorded name. A notice says if it is not the code of the recorded run.
+    A recording contains no code: STATION names the code to run. A notice says if this is not the code of the recorded
+    run.
 
-    The debugger is pdb with a few more commands (`help` lists them). It goes to any period, forward or back.
+    The debugger is pdb with a few more commands (`help` lists them). It can go to any period, forward and back.
     """
     from umo.recording.replay.code_given import CodeGiven
     from umo_command.recording.replay_run import replay_file
@@ -219,7 +242,7 @@ def replay(
 @command(
     epilog="Examples: umo recording shrink run.mcap  |  umo recording shrink run.mcap -o test_crash.py --for 600  |  "
     "umo recording shrink run.mcap --closed",
-    status="0 done; 2 the recording has no error or difference to shrink to, or a mistake, see stderr",
+    status="0 done; 2 the recording has no error and no difference, or the command line is wrong (see stderr)",
 )
 def shrink(
     file: RecordingFile,
@@ -229,7 +252,7 @@ def shrink(
         Path | None,
         out_option(
             "FILE.mcap|FILE.py",
-            "A recording, or a test for pytest with a recording beside it; default: FILE.shrunk.mcap.",
+            "Recording to write, or pytest file to write together with a recording; default: FILE.shrunk.mcap.",
         ),
     ] = None,
     lasting: Annotated[float, time_option("--for", help="Time limit; default: 2 min.")] = 120.0,
@@ -237,15 +260,16 @@ def shrink(
         bool,
         typer.Option(
             "--closed",
-            help="Run the station with its plant, and leave out faults, options and commands instead of periods.",
+            help="Run the station with its plant (closed loop), and remove faults, options and commands instead of "
+            "periods.",
         ),
     ] = False,
 ) -> int:
-    """Find the fewest periods of a recording that still give its error, or the same first difference.
+    """Find the fewest periods of a recording that still lead to its error, or to its first difference.
 
-    The inputs of periods are left out, in open loop. This proves that the error follows from the remaining inputs, not
-    that a machine would produce them. `umo recording replay` of the result compares only the error. STATION is as in
-    `umo recording replay`.
+    The command removes the inputs of periods, and replays in open loop. The result proves that the error follows from
+    the remaining inputs. It does not prove that a real machine would produce these inputs. `umo recording replay` of
+    the result compares only the error.
     """
     from umo.recording.replay.code_given import CodeGiven
     from umo_command.recording.replay_shrink import shrink_file
@@ -263,7 +287,7 @@ def runs(
     ] = None,
     keep_runs: KeepRuns = None,
 ) -> None:
-    """List the runs in runs/, with how they ended and their size, or remove the oldest.
+    """List the runs in runs/ with their end and their size, or remove the oldest runs.
 
     A run that has not ended is never removed.
     """
@@ -275,30 +299,32 @@ def runs(
 @command(
     epilog="Examples: umo recording history  |  umo recording history /srv/history --stations 'cell7/*' --last 30d  |  "
     "umo recording history --connect tls/plant.local:7447 --certificates ~/fleet/history",
-    status="0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 a mistake, see stderr",
+    status="0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 the command line is wrong (see stderr)",
 )
 def history(
     folder: HistoryFolder = HISTORY,
     stations: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="SITE/STATION", help="Stations to record, such as 'cell7/*'; may be repeated; default: all."
+            metavar="SITE/STATION", help="Stations to record, such as 'cell7/*'; default: all. May be repeated."
         ),
     ] = None,
     last: Annotated[
         float | None,
-        time_option(help="Keep the data of this last time, such as 30d, and remove older data; default: keep all."),
+        time_option(
+            help="Keep only the data of this last time, such as 30d, and remove older data; default: keep all data."
+        ),
     ] = None,
     connect: Connect = None,
     certificates: Certificates = None,
     jetstream: JetStream = None,
 ) -> int:
-    """Write the values and events of all stations to Parquet files, by station and hour, until Ctrl-C.
+    """Write the values and events of the stations of a fleet to Parquet files, one for each station and hour, until
+    Ctrl-C.
 
-    `umo recording query` and every program that reads Parquet can query the files. Data that did not arrive are counted
-    in them as gaps. A recorder that is started again continues where it stopped. With --jetstream it reads what
-    gateways have stored there (umo connect fleet --jetstream), including the data of times when the recorder did not
-    run.
+    `umo recording query` and every program that reads Parquet can query the files. Data that did not arrive are
+    recorded as gaps. If you start the command again, it continues where it stopped. With --jetstream it reads the data
+    that gateways have stored (umo connect fleet --jetstream), also data from times when this command did not run.
     """
     from umo_command.recording.fleet_history import record_history
 
@@ -313,21 +339,21 @@ def history(
     "umo recording query \"SELECT * FROM events WHERE asked = 'fault' AND time::DATE = '2026-11-25'\"",
 )
 def query(
-    sql: Annotated[str, typer.Argument(metavar="SQL", help="One SELECT, in the SQL of DuckDB.")],
+    sql: Annotated[str, typer.Argument(metavar="SQL", help="One SELECT statement in the SQL of DuckDB.")],
     folder: HistoryFolder = HISTORY,
     last: Annotated[
-        float | None, time_option(help="Read only the files of this last time, such as 2h; default: all.")
+        float | None, time_option(help="Read only the files of this last time, such as 2h; default: all files.")
     ] = None,
-    rows: Annotated[int, typer.Option(min=1, help="Largest number of rows of the table.")] = 100,
-    out: Annotated[Path | None, out_option("FILE.csv", "Write all rows to a file.")] = None,
+    rows: Annotated[int, typer.Option(min=1, help="Largest number of rows to print; default: 100.")] = 100,
+    out: Annotated[Path | None, out_option("FILE.csv", "Write all rows to this file.")] = None,
     as_json: Json = False,
 ) -> int:
-    """Query the history of a fleet in SQL.
+    """Query the history of a fleet with SQL.
 
-    Views: values (site, station, time, time_error, run, number, delta, path, value, state, quality), events (site,
-    station, time, run, number, path, text, who, asked, state, command), gaps (site, station, time, run, of, first,
-    last, count, why), objects (site, station, run, started, wiring, path, kind, unit, minimum, maximum, states). Times
-    are UTC.
+    The tables, with their columns: values (site, station, time, time_error, run, number, delta, path, value, state,
+    quality), events (site, station, time, run, number, path, text, who, asked, state, command), gaps (site, station,
+    time, run, of, first, last, count, why), objects (site, station, run, started, wiring, path, kind, unit, minimum,
+    maximum, states). Times are UTC.
     """
     from umo_command.recording.fleet_history import query_history
 

@@ -60,7 +60,7 @@ def export(file: Path, target: Path, wanted: ValueSelection) -> int:
     from umo.recording.tables import recording_export
 
     if found := [path for path in wanted.paths if Path(path).suffix in recording_export.SUFFIXES]:
-        raise OptionError(f"{found[0]} is no path of the machine; the file to write is given by --out {found[0]}")
+        raise OptionError(f"{found[0]} is not a path of the machine; to write a file, give --out {found[0]}")
     if target.suffix == ".parquet" and find_spec("pyarrow") is None:
         raise OptionError(f"Parquet needs pyarrow: {how_to_install('analysis')}")
     with Recording(file) as recording, OneLine(err) as line:
@@ -143,7 +143,7 @@ def _values(recording: Any, wanted: ValueSelection) -> Any:
 def _tell_missing(values: Any) -> None:
     """Report what the recording lacks."""
     if values.bare:
-        say(f"{values.bare:,} periods are left out: the recording has only what replay needs of them")
+        say(f"{values.bare:,} periods are not shown: of these the recording has only the data that a replay needs")
     if values.lost:
         say(f"{values.lost:,} periods are missing in the recording (umo recording info)", "red")
     for text in values.damage[-MAX_DAMAGE:]:

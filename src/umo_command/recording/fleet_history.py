@@ -45,7 +45,7 @@ def record_history(
         key_pattern(each)
     settings = fleet_settings.load(changes=changes)
     if jetstream is not None and changes.get("connect"):
-        raise OptionError("--jetstream or --connect: a recorder reads from one of them")
+        raise OptionError("give --jetstream or --connect, not both: a recorder reads from one source")
     server = None if jetstream is None else jetstream_server(jetstream, settings)
     step_back()
     stop = threading.Event()
@@ -147,7 +147,7 @@ def _print_table(names: Sequence[str], rows: Sequence[Sequence[Any]], most: int)
         table.add_row(*("" if each is None else printable(_short(each)) for each in row))
     out.print(table)
     if len(rows) > most:
-        out.print(f"the first {most} rows; --rows shows more, --out FILE.csv writes all")
+        out.print(f"these are the first {most} rows; --rows shows more, --out FILE.csv writes all")
 
 
 def _short(value: Any) -> str:

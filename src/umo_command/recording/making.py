@@ -57,11 +57,11 @@ def _opening(reader: RunReader, file: Path, last: float | None) -> str:
     name, since = reader.title, 0.0 if frame is None else float(frame["time"])
     state = f"{reader.state} for {lasting(since)}"
     if last is None:
-        return f"records {name} ({state}) in {file}; Ctrl-C ends the record, the machine runs on"
+        return f"recording {name} ({state}) in {file}; Ctrl-C ends the recording, and the machine continues"
     station = reader.about["station"]
     return (
-        f"keeps the last {duration(last)} of {name} ({state}): umo recording save {station} saves them, and so does "
-        "a run that fails; Ctrl-C ends the flight recorder, the machine runs on"
+        f"keeping the last {duration(last)} of {name} ({state}); this time is saved by umo recording save {station}, "
+        f"and if the run fails; Ctrl-C ends the flight recorder, and the machine continues"
     )
 
 
@@ -80,7 +80,7 @@ def save_flight(station: str, file: Path | None) -> int:
         periods = recording.periods
     out.print(f"saved: {order.file} ({periods} periods)", soft_wrap=True)
     if not folder.is_written:
-        out.print("its recorder has ended: this is what it had written", soft_wrap=True)
+        out.print("the recorder has ended: the file has only the data that it had written", soft_wrap=True)
     return 0
 
 
@@ -96,12 +96,12 @@ def repair_file(file: Path) -> int:
         raise FramesError(f"{file} could not be repaired: {text_of(error)}") from None
     with Recording(file, later=False) as recording:
         periods, (_, last) = recording.periods, recording.span
-        missing = "" if not (lost := recording.lost) else f"; {lost:,} are missing"
+        missing = "" if not (lost := recording.lost) else f"; {lost:,} periods are missing"
         chunks = recording.chunks
     what = f"{chunks} chunks, {periods} periods"
     if periods:
         what += f", {duration(last)} on the machine's clock"
-    out.print(f"{file}: {'repaired' if changed else 'whole'}: {what}{missing}", soft_wrap=True)
+    out.print(f"{file}: {'repaired' if changed else 'complete'}: {what}{missing}", soft_wrap=True)
     return 0
 
 

@@ -101,7 +101,7 @@ def _debug(
     from umo.recording.replay import snapshots
 
     if not snapshots.POSSIBLE:
-        raise NotReplayable("--at and --break need Linux: the debugger goes back by forks of its process")
+        raise NotReplayable("--at and --break need Linux, because the debugger goes back with forks of its process")
     from umo.recording.replay.debugger import DebuggedReplay
     from umo.recording.replay.snapshots import Runner, SnapshotList
 
@@ -120,10 +120,10 @@ def _debug(
         if debugged.has_stopped:
             return result.status
         if condition is not None:
-            failed = f" (at last it could not be evaluated: {condition.failed})" if condition.failed else ""
+            failed = f" (its last evaluation failed: {condition.failed})" if condition.failed else ""
             say(f"--break {condition.text!r} never became true{failed}")
         if stop is not None and not stop.difference:
-            say(f"--at: the replay did not reach this, it has {result.periods:,} periods", "red")
+            say(f"--at: the replay has {result.periods:,} periods, and did not reach this one", "red")
             return ExitStatus.MISTAKE
         return result.status
 

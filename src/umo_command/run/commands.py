@@ -27,9 +27,10 @@ command = HelpPanel("Run")
 @command(
     epilog="Examples: umo run ztheta  |  umo run furnace --realtime  |  umo run ztheta --parts 2 --turn 45  |  "
     "umo run ztheta -w modbus  |  umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
-    status="0 the application has returned; 1 the machine, a device or code failed; 2 a mistake, nothing ran; 3 "
-    "an actuator is not at its default; 4 runs/ cannot be written: nothing ran, or only the record failed; "
-    "124 --until ended the run; 130 Ctrl-C ended it; 128 plus N: the signal with the number N ended it",
+    status="0 the application has returned; 1 the machine, a device or code failed; 2 the command line, the wiring or "
+    "a declaration is wrong, and nothing ran; 3 an actuator is not at its default; 4 runs/ cannot be written and "
+    "nothing ran, or the run succeeded and only its record is incomplete; 124 --until ended the run; 130 Ctrl-C ended "
+    "the run; 128 plus N: signal number N ended the run",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
 )
@@ -39,14 +40,14 @@ def run(
     wiring: WiringName = None,
     realtime: Annotated[
         bool,
-        typer.Option("--realtime", help="Run in wall-clock time, also if the timer of the wiring is a simulated one."),
+        typer.Option("--realtime", help="Run in real time, even if the wiring has a simulated timer."),
     ] = False,
     manual: Annotated[
         bool,
-        typer.Option("--manual", help="Start in manual mode, in wall-clock time: see umo do."),
+        typer.Option("--manual", help="Start in manual mode, in real time (see umo do)."),
     ] = False,
     until: Annotated[
-        float | None, time_option(help="End the run at this time on the machine's clock: in s, or such as '5 min'.")
+        float | None, time_option(help="End the run at this time on the machine's clock, such as 30 (in s) or '5 min'.")
     ] = None,
     summary: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write a summary of the run to this file.")
@@ -58,14 +59,14 @@ def run(
         typer.Option(
             metavar="SIZE",
             parser=size_of,
-            help="Write every period to runs/.../trace-000001.csv and so on, and limit their size, such as '200 "
-            "MB', by removing the oldest parts. For runs of months.",
+            help="Write every period to runs/.../trace-000001.csv and the files that follow, and remove the oldest so "
+            "that their total size stays below SIZE, such as '200 MB'. For runs of months.",
         ),
     ] = None,
     keep_runs: Annotated[
         int | None,
         typer.Option(
-            metavar="NUMBER", min=1, help="Keep this number of runs of this station in runs/, and remove the oldest."
+            metavar="NUMBER", min=1, help="Keep the newest NUMBER runs of this station in runs/, and remove older runs."
         ),
     ] = None,
     record: Annotated[
@@ -73,13 +74,16 @@ def run(
         typer.Option(
             "--record",
             metavar="[FILE.mcap]",
-            help="Record the exact values of every period in this file; default: recording.mcap in runs/... (see umo "
-            "recording make).",
+            help="Record the exact values of every period in this file (see umo recording make). Without a name: "
+            "recording.mcap in runs/...",
         ),
     ] = None,
     last: Annotated[
         float | None,
-        time_option(help="Flight recorder: record only the last '10 min'; saved if the run fails, or on demand."),
+        time_option(
+            help="Flight recorder: keep only this last time, such as '10 min'. It is saved if the run fails, "
+            "and by umo recording save."
+        ),
     ] = None,
     fault: Faults = None,
     fault_seed: FaultSeed = None,
@@ -102,7 +106,7 @@ def run(
 
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
     The faces of the wiring are served by another process.
-    Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
+    The trace (CSV) and the plot (PNG) are written to runs/. Ctrl-C stops safely: every actuator goes to its default.
     """
     name = named(context, help_, station, wiring)
     from umo.process.job import Job

@@ -44,10 +44,10 @@ def faces_of(wiring: str, table: Mapping[str, Any], tell: Callable[[str], object
     try:
         present, missing = faces_present(faces_settings(table, wiring))
     except SettingsError as error:
-        raise WiringError(f"{count_of(len(error.mistakes), 'mistake')} in the wiring", error.mistakes) from None
+        raise WiringError(f"{count_of(len(error.mistakes), 'error')} in the wiring", error.mistakes) from None
     except OptionError as error:
         mistake = Mistake(wiring, "faces", str(error))
-        raise WiringError("1 mistake in the wiring", [mistake]) from None
+        raise WiringError("1 error in the wiring", [mistake]) from None
     for line in missing:
         tell(line)
     kept = {key: value for key, value in table.items() if key in KEYS or key in present.options}
@@ -109,7 +109,7 @@ class FacesBeside(ProcessBeside):
                 table.seek(0)
                 self._begin([str(os.getpid()), str(pid), self._wiring], path, table)
         except Exception as error:  # a full disk, too many processes: none of it ends the run
-            self._missed(f"the faces cannot be started: {text_of(error)}; it is tried again")
+            self._missed(f"the faces cannot be started: {text_of(error)}; umo tries again")
             return
         assert self._process is not None
         with suppress(OSError):  # it has ended
@@ -122,7 +122,7 @@ class FacesBeside(ProcessBeside):
         if self._clock() - self._begun >= MAX_PAUSE:
             self._pause = FIRST_PAUSE
             self._told.clear()
-        self._missed(f"the faces have ended ({how}); the machine runs on, and they are started again")
+        self._missed(f"the faces have ended ({how}); the machine continues, and the faces are started again")
 
     def _missed(self, line: str) -> None:
         self._tell(line)

@@ -132,6 +132,5 @@ def _name_other_runs(started: Started) -> None:
     if others:
         say(
             f"{name} runs already (pid {', '.join(others)}); each run has its own devices or simulation. "
-            f"This run has pid {started.pid}: give commands the pid instead of the name, as in "
-            f"umo do {started.pid}"
+            f"This run has pid {started.pid}: use the pid instead of the name in commands, as in umo do {started.pid}"
         )

@@ -67,9 +67,9 @@ def order_of(
     settings = record_of(table or {}, wiring, changes)
     path = default if file is None else file.with_name(file.name if file.suffix == SUFFIX else file.name + SUFFIX)
     if path.exists():
-        raise OptionError(f"--record {path}: there is such a file already; a recording never overwrites one")
+        raise OptionError(f"--record {path}: this file exists already, and a recording never overwrites a file")
     if (second := part_name(path, 2)).exists():
-        raise OptionError(f"--record {path}: there is {second} already, the name of its second file; give another name")
+        raise OptionError(f"--record {path}: {second}, the name of the second file, exists already; give another name")
     if not path.parent.is_dir():
         raise OptionError(f"--record {path}: there is no folder {path.parent}")
     return RecordOrder(path, settings.plain)
@@ -126,9 +126,9 @@ class RecordBeside(ProcessBeside):
                 self.complete = False
             elif status:
                 self._miss(
-                    f"the recorder has ended ({how}); what it had not written is lost"
+                    f"the recorder has ended ({how}); the data that it had not written are lost"
                     if run_is_over
-                    else f"the recorder has ended ({how}); the machine runs on, and is recorded no longer"
+                    else f"the recorder has ended ({how}); the machine continues, and is no longer recorded"
                 )
 
     def _miss(self, text: str) -> None:

@@ -45,7 +45,7 @@ def main(file: int, path: Path, settings: dict[str, Any]) -> int:
             work = RecordingWork(reader, path, RecordSettings(**settings), tell)
             record_to_the_end(work, stop.is_set, stop.wait)
     except (OSError, UmoError) as error:
-        tell(f"nothing is recorded, the machine runs on: {path}: {text_of(error)}")
+        tell(f"nothing is recorded, and the machine continues: {path}: {text_of(error)}")
         return ExitStatus.NOT_RECORDED
     return ExitStatus.NOT_RECORDED if work.failed else 0
 

@@ -89,7 +89,7 @@ class RecordingWork:
 
     def _fail(self, error: OSError) -> None:
         self.is_over = self.failed = True
-        self._say(f"the record ends here, the machine runs on: {self._parts.path}: {text_of(error)}")
+        self._say(f"the recording ends here, and the machine continues: {self._parts.path}: {text_of(error)}")
 
     def _close(self) -> None:
         recorder, parts = self._recorder, self._parts
@@ -100,7 +100,10 @@ class RecordingWork:
             parts.close()
         except OSError as error:
             self.failed = True
-            self._say(f"{parts.path} has all its periods, but is not closed: {text_of(error)} (umo recording repair)")
+            self._say(
+                f"{parts.path} has all its periods, but could not be closed: {text_of(error)}; umo recording "
+                f"repair closes it"
+            )
         if parts.failed:
             self._say(parts.failed)
         if self._folder is not None:
@@ -118,9 +121,9 @@ class RecordingWork:
             f"{parts.size / 1e6:.1f} MB" + (f" in {more + 1} files" if more and self._folder is None else ""),
         ]
         if recorder.first:
-            words.append(f"from period {recorder.first} on: it cannot be replayed")
+            words.append(f"from period {recorder.first} on, so it cannot be replayed")
         if recorder.lost:
-            words.append(f"{recorder.lost} periods were lost: the recorder was behind")
+            words.append(f"{recorder.lost} periods were lost, because the recorder was too slow")
         if recorder.entries_lost or recorder.commands_lost:
             words.append(f"{recorder.entries_lost} entries and {recorder.commands_lost} commands were lost")
         if recorder.events_lost:
@@ -130,10 +133,10 @@ class RecordingWork:
     def _land(self, folder: FlightFolder) -> None:
         """Save what the flight recorder has if the run has failed; remove its files."""
         if self.failed and self._recorder.periods:
-            self._say(f"its files stay: umo recording save {folder.station}")
+            self._say(f"the files of the flight recorder remain; umo recording save {folder.station} saves them")
             return
         if not self._recorder.has_ended:
-            self._say("the flight recorder has ended before the run, and leaves nothing")
+            self._say("the flight recorder ended before the run, and saved nothing")
         elif self._recorder.failed and self._recorder.periods:
             try:
                 folder.save(self._file)

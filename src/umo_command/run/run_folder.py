@@ -303,8 +303,8 @@ class TraceFile:
             self._failed = True
             remove(self._path)  # it may end in the middle of a row
             say(
-                f"{self._path} cannot be written: {text_of(error)}; the run continues, and its trace is written at "
-                "its end, if it can be",
+                f"{self._path} cannot be written: {text_of(error)}; the run continues, and umo tries to write the "
+                f"trace at the end",
                 "red",
             )
         self._written, self._next = frame.time, frame.time + TRACE_PAUSE

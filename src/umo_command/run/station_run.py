@@ -137,7 +137,7 @@ def _make_room(plan: Plan, record: Record) -> None:
         if record.keep_runs is not None:
             prune(record.keep_runs, plan.name)
         if record.keep is not None and (free := shutil.disk_usage(RUNS).free) < record.keep:
-            say(f"--keep: {RUNS}/ has {free / 1e6:.0f} MB left, and the trace takes up to {record.keep / 1e6:.0f} MB")
+            say(f"--keep: {RUNS}/ has {free / 1e6:.0f} MB left, and the trace may need {record.keep / 1e6:.0f} MB")
 
 
 def _run(
@@ -267,13 +267,13 @@ def _plot(title: str, trace: Trace, result: RunSummary, folder: RunFolder) -> st
     """Draw the plot, which takes seconds. Return what it does not show. A failure, or Ctrl-C, affects the plot only."""
     try:
         with replaced(folder.path / "plot.png") as file, handling(interrupt_once, SIGNALS):
-            say("drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
+            say("drawing the plot; Ctrl-C skips it, --no-plot always skips it")
             from umo_command.run.plot import Curves, save_plot
 
             rest = save_plot(Curves.of(trace, result.alarms), file, title)
         return f"; the plot does not show {rest}" if rest else ""
     except KeyboardInterrupt:
-        say("the plot was left out")
+        say("the plot was skipped")
     except ImportError:
         say(f"no plot: matplotlib is not installed ({how_to_install('plot')})")
     except OSError as error:

@@ -55,19 +55,19 @@ def values(
         list[str] | None,
         typer.Argument(
             metavar="[STATION] [PATH]...",
-            help="Station name or pid (see `umo`), required if several run; paths of objects or compounds, or "
-            "patterns such as 'zones.*.temperature'.",
+            help="Name or pid of a station (see `umo`), required if several run; then paths of objects or compounds, "
+            "or patterns such as 'zones.*.temperature'.",
             autocompletion=completion.running_and_paths,
         ),
     ] = None,
     once: Annotated[bool, typer.Option("--once", help="Show the current values once, then exit.")] = False,
     lasting: Annotated[float | None, time_option("--for", help="Exit after this time.")] = None,
 ) -> None:
-    """Watch a running station: values, traces, missed periods. Watching does not disturb the station.
+    """Show the values, traces and missed periods of a running station, live. This does not disturb the station.
 
-    Similar objects of a list are folded into one line. In a terminal: arrows, page up and down, home and end move;
-    enter folds and unfolds; a folds and unfolds all; q quits. Without a terminal, or with --once, every object is shown
-    once.
+    Similar objects of a list are folded into one line. Keys in a terminal: arrows, page up, page down, home and end
+    move; enter folds or unfolds a line; a folds or unfolds all lines; q quits. If the output is not a terminal, or with
+    --once, every object is shown once.
     """
     from umo_command.show.values_live import watch as show
 
@@ -78,15 +78,15 @@ def values(
     epilog="Examples: umo show page  |  umo show page ztheta --open  |  umo show page --port 8300  |  "
     "umo show page run.mcap  |  umo show page today.mcap yesterday.mcap  |  "
     "umo show page --fleet  |  umo show page --host 0.0.0.0 --certificate cell.pem --key cell.key",
-    status="0 ended by Ctrl-C; 2 a mistake, see stderr",
+    status="0 ended by Ctrl-C; 2 the command line is wrong (see stderr)",
 )
 def page(
     station: Annotated[
         str | None,
         typer.Argument(
             metavar="[STATION|FILE.mcap]",
-            help="Name, directory or pid of the station to show first, which may start later; SITE/STATION of a fleet; "
-            "or a recording.",
+            help="Name, folder or pid of the station to show first, which may start later; or SITE/STATION of a "
+            "fleet; or a recording.",
             autocompletion=completion.running_and_recordings,
         ),
     ] = None,
@@ -94,22 +94,26 @@ def page(
         Path | None,
         typer.Argument(
             metavar="[FILE2.mcap]",
-            help="Another recording, shown over the first one.",
+            help="A second recording, drawn over the first.",
             autocompletion=completion.recordings,
         ),
     ] = None,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="TCP port; default: 8270, or any free one if it is taken.")
+        int | None, typer.Option(min=0, max=65535, help="TCP port; default: 8270, or any free port if 8270 is taken.")
     ] = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     host: Annotated[
         str,
         typer.Option(
-            metavar="HOST", help="Address to listen at. Any other than this computer's own loopback needs a token."
+            metavar="HOST",
+            help="Address to listen at; default: 127.0.0.1. Any address other than loopback needs --token.",
         ),
     ] = "127.0.0.1",
     operate: Annotated[
-        bool, typer.Option("--operate", help="Let other computers operate machines, not only see them.")
+        bool,
+        typer.Option(
+            "--operate", help="Let other computers also operate machines; default: other computers can only watch."
+        ),
     ] = False,
     token: Annotated[
         str | None,
@@ -117,8 +121,9 @@ def page(
             "--token",
             "--password",
             envvar="UMO_TOKEN",
-            help="Token that a browser must give, at least 8 characters; default: a random one. Other users see "
-            "--token in the list of processes, but not the variable.",
+            help="Token that a browser must give, at least 8 characters; default: a random token. Other users of this "
+            "computer can see --token in the list of processes; the environment variable UMO_TOKEN is hidden from "
+            "them.",
         ),
     ] = None,
     certificate: Annotated[
@@ -129,8 +134,8 @@ def page(
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Address at which a reverse proxy serves the page, such as https://cell.example. No visitor "
-            "then counts as this user.",
+            help="Address at which a reverse proxy serves the page, such as https://cell.example. All visitors then "
+            "need the token, and none has the rights of the user who runs this command.",
         ),
     ] = None,
     fleet: Annotated[
@@ -141,20 +146,24 @@ def page(
         typer.Option(
             "--station",
             metavar="STATION",
-            help="For a recording: the station, by folder or name, whose twin is drawn; default: the shipped or "
-            "installed one with the recorded name.",
+            help="For a recording: folder or name of the station whose twin is drawn; default: the shipped or "
+            "installed station with the recorded name.",
         ),
     ] = None,
 ) -> None:
-    """Show running stations in a browser: scope, machine, twin, operate. Prints the address, which carries a token.
+    """Show running stations in a browser, and print the address of the page, which contains a token.
 
-    A separate process serves the page. It reads the frames and does not disturb the station. It listens on loopback,
-    where pages may command (tab Operate), and needs the token everywhere. At another address (--host), and through a
-    proxy (--proxy), a token must be given, and the page is read-only unless --operate is given; give a certificate
-    there, or the token can be read on the network. With the printed token, a program of yours on this computer may do
-    everything; with a token that was given, a visitor has the role of the page in roles.toml (docs/security.md). Ctrl-C
-    ends it; the stations continue. A recording has a slider for its time with marks for its events, and takes no
-    commands. Two recordings are aligned at their beginnings; the objects of the second are in the part "second".
+    The page has the tabs Scope, Machine, Twin and Operate. A separate process serves it and does not disturb the
+    station. Ctrl-C ends the page; the stations continue.
+
+    By default the page listens on loopback and may command machines. Every address needs the token. With another
+    address (--host) or a proxy (--proxy) you must give a token, and the page is read-only without --operate. Give a
+    certificate too: without one the token can be read on the network. With the printed token, your programs on this
+    computer may do everything. With a token that you gave, a visitor has the role of the page in roles.toml
+    (docs/security.md).
+
+    A recording is shown with a slider for its time and marks for its events. It takes no commands. Two recordings are
+    aligned at their beginnings; the objects of the second are in the part "second".
     """
     from umo_command.show.page import ViewOptions
     from umo_command.show.page import view as show
@@ -177,16 +186,17 @@ def why(
             autocompletion=completion.paths,
         ),
     ] = None,
-    now: Annotated[bool, typer.Option("--now", help="First write a black box of the running station.")] = False,
+    now: Annotated[bool, typer.Option("--now", help="Write a black box of the running station, and show it.")] = False,
     file: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Read this black box, or those of a recording."),
+        typer.Option(metavar="FILE", help="Read this black box, or the black boxes in this recording."),
     ] = None,
 ) -> None:
-    """Show why the last run ended, and why periods were missed: the duration of each phase, and the cause.
+    """Show why the last run ended, and why periods were missed: how long each phase took, and the cause.
 
-    The times are of the newest black box: it is written when a period is missed or a run fails. The last faults of
-    equipment are shown, too. With the path of an actuator it shows who drives it, why, and what comes next.
+    The times come from the newest black box, which is written when a period is missed or a run fails. The last faults
+    of equipment are also shown. If you give the path of an actuator, the command shows who drives the actuator, why,
+    and which value it gets when that claim ends.
     """
     option = "--now" if now else "" if file is None else "--file"
     if option and path is not None:
@@ -218,8 +228,8 @@ def parts(
 ) -> int:
     """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4).
 
-    Three or more similar members of a list are shown once, with the parts of the first, and the wires of the first and
-    the last. Different members are shown separately. Options of the machine follow the station's name.
+    Of three or more similar members of a list, only the parts of the first, and the wires of the first and the last,
+    are shown. Different members are shown separately. Options of the machine follow the station's name.
     """
     from umo.process.station import find
     from umo_command.show.part_tree import show_tree
@@ -244,7 +254,7 @@ def period(station: StationName, words: PartPath = None, wiring: WiringName = No
 
 @command(epilog="Examples: umo show latency  |  umo show latency --period 500us --for '1 min' --load")
 def latency(
-    period: Annotated[float, time_option(help="The sampling period, such as 1ms or 500us; default: 1 ms.")] = 0.001,
+    period: Annotated[float, time_option(help="Sampling period, such as 500us; default: 1 ms.")] = 0.001,
     lasting: Annotated[
         float, time_option("--for", help="Measuring time of each of the two loops; default: 10 s.")
     ] = 10.0,
@@ -253,8 +263,9 @@ def latency(
 ) -> None:
     """Measure whether this computer can keep a sampling period, with umo's loop and a bare loop in C.
 
-    yes: no period missed, and the longest wake-up plus work below half of the period. with care: at most one of a
-    thousand missed and 99.9 % below the period. no: otherwise. The result is valid for the measured time and load only.
+    The answer is "yes" if no period was missed, and the longest sum of wake-up delay and work is less than half of the
+    period. It is "with care" if at most one period in a thousand was missed, and the sum is less than the period in
+    99.9 % of the periods. Otherwise it is "no". The result is valid for the measured time and load only.
     """
     from umo_command.show.latency import latency as answer
 

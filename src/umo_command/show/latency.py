@@ -36,7 +36,7 @@ def latency(step: float, seconds: float, load: bool, file: Path | None) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     # without a thread that draws, which would run beside what is measured
     with Progress(*columns, console=err, transient=True, auto_refresh=False, disable=not err.is_terminal) as bar:
-        task = bar.add_task(f"{duration(step)}, umo's loop and a C loop in turns", total=1.0)
+        task = bar.add_task(f"{duration(step)}, umo's loop and a C loop alternately", total=1.0)
         bar.refresh()
         found = measure(
             step, seconds, load=load, progress=lambda share: bar.update(task, completed=share, refresh=True)

@@ -114,7 +114,7 @@ def view(choice: ViewOptions) -> int:
     finally:
         if choice.open:
             _opening().unlink(missing_ok=True)
-    say("the page has ended" if recorded else "the page has ended; stations that run go on")
+    say("the page has ended" if recorded else "the page has ended; running stations continue")
     return 0
 
 
@@ -124,9 +124,14 @@ def _recording(choice: ViewOptions) -> Path | None:
     if name is not None and (name.endswith(SUFFIX) or Path(name).is_file()):
         return Path(name)
     if choice.second is not None:
-        raise PageError(f"{choice.second}: a second file is for a recording ({SUFFIX}), {name} is none")
+        raise PageError(
+            f"{choice.second}: a second file needs a recording ({SUFFIX}) as the first, and {name} is not a recording"
+        )
     if choice.code is not None:
-        raise PageError(f"--station is for a recording ({SUFFIX}), {name or 'a running station'} is none")
+        raise PageError(
+            f"--station can only be used with a recording ({SUFFIX}), and {name or 'a running station'} "
+            f"is not a recording"
+        )
     return None
 
 
@@ -189,7 +194,9 @@ def _check(choice: ViewOptions, local: bool) -> None:
             ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(choice.certificate, choice.key)
         except ssl.SSLError as error:
             reason = error.reason or error
-            raise PageError(f"{choice.certificate}, {choice.key}: no certificate and its key (PEM): {reason}") from None
+            raise PageError(
+                f"{choice.certificate}, {choice.key}: these are not a certificate and its key (PEM): {reason}"
+            ) from None
 
 
 def _is_origin(text: str) -> bool:
@@ -218,7 +225,7 @@ def _station(choice: ViewOptions) -> tuple[str, str, int | None] | None:
         if Path(choice.station).is_dir():
             raise
         near = did_you_mean(name, [*running, *shipped()])
-        known = f"running: {', '.join(running) or 'none'}; others: {', '.join(shipped())}, or a directory"
+        known = f"running: {', '.join(running) or 'none'}; others: {', '.join(shipped())}, or a folder"
         raise PageError(f"there is no station {printable(choice.station)!r}{near}; {known}") from error
     say(f"{name} is not running yet; the page waits for it")
     return station.name, str(station.path), None
@@ -243,8 +250,12 @@ def _shown_host(host: str) -> str:
 
 
 def _warn(choice: ViewOptions, operate: bool) -> None:
-    may = "see, and what roles.toml allows," if operate else "see (read-only; --operate to operate it)"
-    say(f"warning: whoever reaches {choice.proxy or choice.host} and has the token can {may} the machine")
+    may = (
+        "see the machine, and command it as roles.toml allows"
+        if operate
+        else ("see the machine (with --operate also command it)")
+    )
+    say(f"warning: everybody who can reach {choice.proxy or choice.host} and has the token can {may}")
     if choice.certificate is None and not str(choice.proxy).startswith("https:"):
         say("warning: without --certificate and --key the token can be read on the network")
 
@@ -254,13 +265,16 @@ def _tell_roles(own: str | None) -> None:
     roles = Roles.load()
     role = roles.of(Caller(PAGE, ""))
     if roles.mistake:
-        say(f"warning: other users may only look: {roles.mistake}")
+        say(f"warning: other users may only see the machine: {roles.mistake}")
     elif role is Role.SEE:
-        say(f"with the given token a user may look; {PAGE} in [unverified] of {place()} gives a role")
+        say(
+            f"users with the given token may only see the machine; {PAGE} in [unverified] of {place()} gives them "
+            f"another role"
+        )
     else:
-        say(f"with the given token a user may {role}")
+        say(f"users with the given token have the role {role}")
     if own is not None:
-        say(f"with all rights, for programs of yours on this computer: {own}")
+        say(f"address with all rights, for your programs on this computer: {own}")
 
 
 def _opening() -> Path:

@@ -33,11 +33,14 @@ def show_period(station: Station, wiring: str | None, words: Sequence[str] = ())
     """Print the phases of the period in their order. No device is opened. `words`: options of the machine."""
     root, paths = machine_and_words(station, words)
     if paths:
-        raise OptionError(f"unexpected argument {paths[0]!r}: --period is about the whole machine")
+        raise OptionError(f"unexpected argument {paths[0]!r}: umo show period shows the whole machine")
     wired = resolve(root, station.wiring(wiring))
     with laid_out(root, wired) as machine:
         out.print(period_table(acting_in(machine), f"{station.name}: {_every(wired.period)}"))
-    out.print("While it runs, clients are asked in COMMANDS; frames, the recorder and other observers are in SHOW.")
+    out.print(
+        "While the machine runs, the phase COMMANDS also takes the commands of clients, and the phase SHOW also "
+        "writes the frames, the recording and other observers."
+    )
     return 0
 
 
@@ -47,7 +50,7 @@ def _every(period: float | None) -> str:
 
 def period_table(bound: dict[str, list[str]], title: str) -> Table:
     """Return the table of phases, with the parts bound to each. A phase without parts is not called."""
-    table = Table("call", "phase", "what it does (where)", "an error in it", "here", title=title, title_justify="left")
+    table = Table("call", "phase", "what it does (where)", "if it fails", "here", title=title, title_justify="left")
     for call, each in groupby(PHASES, lambda phase: phase.call):
         phases = list(each)
         for phase in phases:

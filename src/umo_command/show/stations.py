@@ -52,8 +52,8 @@ def show_stations(as_json: bool = False) -> None:
         if len(stopped) > MAX_STOPPED:
             out.print(f"{len(stopped) - MAX_STOPPED} more stand stopped")
         out.print(
-            "Inspect it, then start it with --acknowledge, or use `umo do STATION acknowledge`; `umo show "
-            "stations --json` has the causes.",
+            "Inspect the machine. Then start it with --acknowledge, or use `umo do STATION acknowledge`. `umo show "
+            "stations --json` shows the causes.",
             soft_wrap=True,
         )
 

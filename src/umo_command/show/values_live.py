@@ -165,7 +165,7 @@ class WatchScreen:
         remarks = self._remarks()
         height = max(1, console.size.height - OTHER_LINES - len(remarks))
         lines, total = self.view.visible(height), len(self.view.lines)
-        rest = f"{others(self._others)} not asked for; " if self._others else ""
+        rest = f"{others(self._others)} not selected; " if self._others else ""
         how = KEYS if keys else hint
         rest = f"lines {self.view.top + 1} to {self.view.top + len(lines)} of {total}; {rest}{how}".rstrip("; ")
         cursor = self.view.lines[self.view.cursor] if keys else None

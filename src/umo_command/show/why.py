@@ -80,8 +80,8 @@ def _newest(station: str | None) -> Path:
             )
     if not found:
         raise FramesError(
-            "no black box yet: one is written when a period is missed in real time; `umo show why --now` writes "
-            "one at once"
+            "no black box yet: one is written when a period is missed in real time; `umo show why --now` writes one "
+            "immediately"
         )
     return found[-1]
 
@@ -116,7 +116,7 @@ def _report(reader: RunReader, file: Path, now: bool) -> None:
         out.print(how_to_clear(str(reader.about["station"]), log.standing))
     verdicts = explain_all(frames, reader.layout)
     if not verdicts:
-        out.print("no period was missed in these; usual times:")
+        out.print("none of these periods was missed; usual times:")
         out.print(_usual(reader, frames))
         return
     for line in sentences(frames, reader.layout, verdicts, MAX_VERDICTS):

@@ -30,7 +30,7 @@ def kept(station: str, wiring: str | None, forget: str | None) -> None:
     try:
         files = [(path, values) for path, values in kept_file.all_kept(name) if _is_of(values, wiring)]
     except OSError as error:
-        raise KeptFileError(f"the kept values cannot be looked for: {error.strerror or error}") from None
+        raise KeptFileError(f"the kept values cannot be found: {error.strerror or error}") from None
     if not files:
         of = f" with the wiring {wiring}" if wiring is not None else ""
         raise PathError(
@@ -82,7 +82,7 @@ def _forget(files: list[tuple[Path, KeptValues | KeptFileError]], number: str) -
         try:
             with kept_file.locked(path, LOCK_TIMEOUT) as mine:
                 if not mine:
-                    raise CommandRefused("a run keeps its values there; end it first: umo do STATION stop")
+                    raise CommandRefused("a run is using the kept values; end the run first: umo do STATION stop")
                 values = kept_file.read(path)
                 if values is not None and values.numbers.pop(number, None) is not None:
                     kept_file.write(path, kept_file.dump(values))

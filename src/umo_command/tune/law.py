@@ -74,13 +74,13 @@ class TuningOrder:
         if len(given) != 1:
             raise OptionError(f"give one of {', '.join(sources)}" + (f", not {' and '.join(given)}" if given else ""))
         if self.file is None and (self.start, self.stop) != (None, None):
-            raise OptionError("--from and --to are for --file")
+            raise OptionError("--from and --to can only be used with --file")
         if self.cascade and self.relay is None and self.step is None:
-            raise OptionError("--cascade is for --relay and --step")
+            raise OptionError("--cascade can only be used with --relay or --step")
         if self.cascade and not (self.relay or self.step or "").strip().endswith("%"):
-            raise OptionError("with --cascade the amplitude is a share of both ranges, such as 10%")
+            raise OptionError("with --cascade the amplitude must be a share of the range, such as 10%")
         if self.cascade and (self.sensor or self.actuator):
-            raise OptionError("--cascade finds sensors and actuators itself")
+            raise OptionError("--cascade finds the sensors and actuators: leave out --sensor and --actuator")
         check_picture(self.picture)
 
 
@@ -147,7 +147,7 @@ def _say_doubts(result: TuningResult) -> None:
     if result.faster is not None and result.faster < FASTER:
         say(
             f"{result.facts.inner}, the inner law, is only {result.faster:.1f} times faster than the rest of the "
-            f"process ({FASTER:g} at least, better 5): make it faster, and repeat this"
+            f"process ({FASTER:g} at least, better 5): make the inner law faster, and repeat the experiment"
         )
 
 
@@ -180,7 +180,7 @@ def _live(station: RemoteStation, place: str, order: TuningOrder) -> list[Tuning
     from umo.commissioning.tuning.tried_gains import check_tunable, trying
 
     if order.at is not None:
-        raise OptionError("--at is for a simulated run of its own, but this station is running")
+        raise OptionError("--at makes a separate simulated run, but this station is running")
     with hinting(station.reader), leased(station, order.over):
         facts = facts_of(station, place, order.sensor, order.actuator)
         if not order.cascade:
@@ -220,7 +220,10 @@ def _live_one(station: RemoteStation, place: str, order: TuningOrder, facts: Law
 def _say_end(facts: LawFacts, ended: Mapping[str, Any]) -> None:
     say(f"{facts.law}: the experiment has ended ({ended['ended']}); the law is in control")
     if (share := ended.get("limited", 0.0)) > MAX_LIMITED_SHARE:
-        say(f"{facts.inner}, the inner law, was at its limit in {share:.0%} of it; use a smaller amplitude")
+        say(
+            f"{facts.inner}, the inner law, was at its limit during {share:.0%} of the experiment; use a smaller "
+            f"amplitude"
+        )
 
 
 def _arguments(order: TuningOrder, facts: LawFacts) -> dict[str, Any]:
@@ -241,7 +244,7 @@ def _amplitude(option: str, text: str, facts: LawFacts) -> float:
     """A share of the actuator's range (10%), or a number in its units."""
     if text.strip().endswith("%"):
         if not isfinite(facts.ranges[1]):
-            raise OptionError(f"{option}: {facts.actuator} has no range of which {text} could be a share")
+            raise OptionError(f"{option}: {text} is a share of a range, and {facts.actuator} has no range")
         return float(number(option, text.strip()[:-1], "")) * facts.ranges[1] / 100.0
     return difference(option, text, facts.units[1])
 
@@ -271,7 +274,7 @@ def _alone(
     if order.at is None:
         raise OptionError(
             f"{station} does not run: start it with `umo run {station} --manual`; or give --at TIME, the time of the "
-            "experiment in a simulated run of its own"
+            f"experiment in a separate simulated run"
         )
     at = order.at
 

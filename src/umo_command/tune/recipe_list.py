@@ -62,7 +62,7 @@ def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
     out.print(
         f"chosen for all batches that begin from now on, also in later runs: {chosen}", soft_wrap=True, markup=False
     )
-    out.print(f"{back}   gives the choice back to the program", soft_wrap=True, markup=False)
+    out.print(f"{back}   lets the program choose again", soft_wrap=True, markup=False)
     return 0
 
 

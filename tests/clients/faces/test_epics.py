@@ -193,13 +193,13 @@ def test_another_account_of_this_computer_needs_a_role(tmp_path: Path, monkeypat
 
     async def work() -> None:
         async with served() as (machine, client):
-            with pytest.raises(RefusedByFace, match=f"{account} may see; tune needs the role tune"):
+            with pytest.raises(RefusedByFace, match=f"{account} has the role see; tune needs the role tune"):
                 await client.put("plant:cell:gain", 2.0)
             roles.write_text(f'[users]\n"{account}" = "tune"\n')
             await client.put("plant:cell:gain", 2.0)
             assert [each.who for each in machine.events if each.path == "cell.gain"][-1] == f"{account} (epics)"
             monkeypatch.setattr("umo.clients.faces.epics.pva_server.peer_uid", lambda peer, port: None)
-            with pytest.raises(RefusedByFace, match="unverified, may see"):
+            with pytest.raises(RefusedByFace, match="unverified, has the role see"):
                 await client.put("plant:cell:gain", 3.0)
 
     asyncio.run(work())
@@ -315,7 +315,7 @@ def test_a_flood_of_puts_of_one_connection_keeps_no_other_waiting_for_the_look_a
     ("given", "words"),
     [
         ({"host": "0.0.0.0"}, "pvAccess proves no user"),
-        ({"prefix": "my plant:"}, "has a space"),
+        ({"prefix": "my plant:"}, "contains a space"),
         ({"search_port": 0}, "not from 1 to 65535"),
         ({"port": 70000}, "not from 0 to 65535"),
     ],

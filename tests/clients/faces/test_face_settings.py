@@ -94,7 +94,7 @@ def test_a_face_is_made_with_the_options_of_the_table_and_those_of_the_command_l
         ([LAMP], {LAMP: {"porte": 3}}, "porte: unknown key"),
         ([LAMP], {LAMP: {"port": "x"}}, "port: must be a whole number"),
         ([LAMP], {LAMP: {"port": -3}}, "port -3 is below 0"),
-        ([LAMP], {"lamb": {"port": 3}}, "an option is given for lamb, which is not served"),
+        ([LAMP], {"lamb": {"port": 3}}, "an option was given for lamb, which is not served"),
         (["test_face_settings:Broken"], {}, "cannot be made: RuntimeError: no such lamp"),
         (["test_face_settings:Nothing"], {}, "cannot be imported"),
         (["test_face_settings:source"], {}, "is not a umo face"),

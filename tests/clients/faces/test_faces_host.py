@@ -340,9 +340,9 @@ def test_two_users_share_the_lease_of_the_face_and_each_is_named() -> None:
 @pytest.mark.parametrize(
     ("user", "words"),
     [
-        (User("ann", proved=False), "ann, unverified, may see; .* recorder in .unverified. of roles.toml"),
+        (User("ann", proved=False), "ann, unverified, has the role see; .* recorder in .unverified. of roles.toml"),
         (User(" ", proved=True, is_owner=True), "needs the name of its user"),
-        (User("ann", proved=True), "ann may see; .* in .users. of roles.toml"),
+        (User("ann", proved=True), "ann has the role see; .* in .users. of roles.toml"),
     ],
 )
 def test_who_may_not_command_is_told_why(user: User, words: str) -> None:
@@ -363,7 +363,7 @@ def test_roles_bind_users_whose_names_are_proved(tmp_path: Any) -> None:
 
     async def step(rig: Any, face: Recorder) -> None:
         await face.commands.ask(ann, "tune", "cell.gain", value=2.0)
-        with pytest.raises(CommandRefused, match="ann may tune; mode needs the role operate"):
+        with pytest.raises(CommandRefused, match="ann has the role tune; mode needs the role operate"):
             await face.commands.ask(ann, "mode", value="manual")
         with pytest.raises(CommandRefused, match="needs the role"):
             await face.commands.ask(ann, "stop")
@@ -387,7 +387,7 @@ def test_a_user_whose_name_is_not_proved_has_the_role_of_the_face_and_is_marked(
 def test_a_host_that_only_reads_refuses_every_command() -> None:
     async def step(rig: Any, face: Recorder) -> None:
         for do in ("tune", "stop", "call"):
-            with pytest.raises(CommandRefused, match="only reads here"):
+            with pytest.raises(CommandRefused, match="can only read"):
                 await face.commands.ask(ANN, do, "cell.gain", value=2.0)
 
     commanded(step, read_only=True)

@@ -128,7 +128,7 @@ def test_a_broker_with_tls_and_a_password(
     make = FACES[name]
     assert said(make(**given, password_file=secret(tmp_path, "right")), caplog) == ""
     text = said(make(**given, password_file=secret(tmp_path, "wrong")), caplog)
-    assert text == f"mqtts://localhost:{port} refuses the user ann: Not authorized; it is tried again"
+    assert text == f"mqtts://localhost:{port} refuses the user ann: Not authorized; umo tries again"
     caplog.clear()
     assert "refuses clients without a user" in said(make(port=port, host="localhost", ca=authority.file), caplog)
     caplog.clear()
@@ -173,7 +173,7 @@ def test_no_broker_is_told_once(caplog: pytest.LogCaptureFixture, brokers: list[
 def test_a_password_that_others_may_read_is_not_taken(tmp_path: Path) -> None:
     file = secret(tmp_path, "right")
     file.chmod(0o640)
-    with pytest.raises(OptionError, match="others may read it: chmod 600"):
+    with pytest.raises(OptionError, match="other users can read the file: chmod 600"):
         asyncio.run(Sparkplug(user="ann", password_file=file).open())
     file.chmod(0o600)
     asyncio.run(Sparkplug(user="ann", password_file=file).open())

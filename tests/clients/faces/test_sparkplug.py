@@ -255,7 +255,7 @@ def test_a_broker_that_is_not_there_is_told_once(broker: Mosquitto, caplog: pyte
                 broker.start()
                 await until(lambda: face._link is not None and face._link.is_up)
         address = f"mqtt://127.0.0.1:{broker.port}"
-        assert caplog.messages == [f"{address} cannot be reached: Connection refused; it is tried again"]
+        assert caplog.messages == [f"{address} cannot be reached: Connection refused; umo tries again"]
 
     asyncio.run(work())
 

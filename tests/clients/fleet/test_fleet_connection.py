@@ -55,7 +55,7 @@ def test_what_waiting_does_not_change_is_an_error(said: list[str]) -> None:
 
 def test_a_router_that_is_not_there_may_come(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("umo.clients.fleet.fleet_session.CONNECT_TIME", 200)
-    with pytest.raises(FleetAway, match="nobody answers there"):
+    with pytest.raises(FleetAway, match="nothing answers at this address"):
         opened(FleetNetwork(connect=[f"tcp/127.0.0.1:{free_port()}"]), "client")
     with pytest.raises(UmoError, match="no computer") as told:
         opened(FleetNetwork(connect=["tcp/nowhere.invalid:7447"]), "client")
@@ -75,4 +75,4 @@ def test_it_is_told_when_the_fleet_is_away_and_when_it_is_reached_again(said: li
             return SimpleNamespace(routers_zid=lambda: now, peers_zid=list)
 
     fleet_connection._tell(Session())  # type: ignore[arg-type]
-    assert said == ["the fleet is away; waiting for it", "the fleet is reached again"]
+    assert said == ["the fleet cannot be reached; waiting for it", "the fleet can be reached again"]

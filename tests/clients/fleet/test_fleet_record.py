@@ -335,7 +335,7 @@ def test_a_full_disk_is_told_once_and_the_oldest_values_are_a_gap_when_there_is_
     come(100, 110)
     recorder.run(lambda: True)
     assert len([text for text in said if "cannot be written: No space left on device" in text]) == 1
-    assert said[-1] == "the history is written again"
+    assert said[-1] == "the history can be written again"
     found = rows(folder.root, "SELECT delta FROM values WHERE path = 'level' ORDER BY delta")
     lost = rows(folder.root, "SELECT first, last, count, why FROM gaps ORDER BY first")
     missing = [number for first, last, *_ in lost for number in range(first, last + 1)]

@@ -166,7 +166,7 @@ def test_a_user_is_whom_the_certificate_names(fleet: Authority, tmp_path: Path) 
     changes = {"connect": [TLS], "certificates": str(fleet.folder / "ann")}
     settings = fleet_settings.load(tmp_path / "none.toml", changes)
     assert settings.user == "ann"
-    with pytest.raises(OptionError, match="is of user:ann; this needs that of a site"):
+    with pytest.raises(OptionError, match="belongs to user:ann; this command needs the certificate of a site"):
         settings.require("site")
     with pytest.raises(OptionError, match=r"'bob', and the certificate .* is of user:ann"):
         fleet_settings.load(tmp_path / "none.toml", changes | {"user": "bob"})

@@ -88,7 +88,7 @@ def test_who_has_a_certificate_sees_and_commands_under_the_own_name(authority: A
         assert machine.m.cell.gain == 2.5
         assert next(each for each in machine.events if each.path == "cell.gain").who == "ann (fleet)"
         bob = await fleet.client("bob")
-        with pytest.raises(CommandRefused, match="bob may see; tune needs the role tune"):
+        with pytest.raises(CommandRefused, match="bob has the role see; tune needs the role tune"):
             await asyncio.to_thread(bob.lease("bob").__enter__)
 
     tried(authority, work, by_router=by_router)
@@ -105,7 +105,7 @@ def test_what_a_visitor_of_a_page_asks_for_is_unverified_at_the_machine_under_wh
             with client.lease(who):
                 client.cell.gain = 2.5
 
-        with pytest.raises(CommandRefused, match="ann, unverified, may see; tune needs the role tune"):
+        with pytest.raises(CommandRefused, match="ann, unverified, has the role see; tune needs the role tune"):
             await asyncio.to_thread(tune, visitor)
         assert machine.m.cell.gain != 2.5
         await asyncio.to_thread(tune, "ann")
@@ -122,12 +122,16 @@ def test_without_a_certificate_of_the_authority_nobody_comes_in(authority: Autho
         plain = FleetNetwork(connect=[fleet.address.replace("tls/", "tcp/")])
         await refused_entry(fleet, plain, "does not speak plain tcp")
         foreign = FleetNetwork(connect=[fleet.address], certificates=other.folder / "ann")
-        await refused_entry(fleet, foreign, "its certificate is not accepted")
+        await refused_entry(fleet, foreign, "the certificate of the other side is not accepted")
         mixed = tmp_path / "mixed"  # trusts the router, which does not trust it
         mixed.mkdir()
         for name, source in (("ca", fleet.folder), ("certificate", other.folder), ("key", other.folder)):
             (mixed / f"{name}.pem").write_bytes((source / "ann" / f"{name}.pem").read_bytes())
-        await refused_entry(fleet, FleetNetwork(connect=[fleet.address], certificates=mixed), "does not accept our")
+        await refused_entry(
+            fleet,
+            FleetNetwork(connect=[fleet.address], certificates=mixed),
+            "does not accept the certificate of this computer",
+        )
 
     tried(authority, work)
 
@@ -423,7 +427,7 @@ def test_nothing_is_lost_while_a_router_is_killed_and_back_after_two_seconds(aut
             sys.executable, "-c", code, *arguments, stdout=asyncio.subprocess.PIPE, env=dict(os.environ)
         )
         assert process.stdout is not None
-        assert b"the clients that its rules name" in await process.stdout.readline()
+        assert b"clients: those that its rules name" in await process.stdout.readline()
         return process
 
     async def all_of_it() -> None:

@@ -88,7 +88,7 @@ def test_a_mistake_in_the_settings_is_told(given: JetStreamTable, told: str) -> 
 def test_a_password_that_others_may_read_is_not_used(tmp_path: Path) -> None:
     file = secret(tmp_path / "password", "secret\n")
     file.chmod(0o644)
-    with pytest.raises(OptionError, match="others may read it"):
+    with pytest.raises(OptionError, match="other users can read the file"):
         load("nats://127.0.0.1:4222", None, JetStreamTable("ann", str(file)), {})
 
 

@@ -165,7 +165,7 @@ def test_nothing_moves_when_the_lease_is_taken_an_alarm_comes_and_a_command_is_a
         page.get_by_text("You have control.").wait_for()
         leased = page.evaluate(boxes)
         page.locator("[data-states='reactors.1.unit']").get_by_role("button", name="clear").click()
-        page.get_by_text("it cannot be cleared").first.wait_for()
+        page.get_by_text("the fault cannot be cleared").first.wait_for()
         assert page.evaluate(boxes) == leased
         if width > 1000:
             assert leased == before

@@ -184,11 +184,11 @@ def test_roles_bind_a_page_of_others(
         client.get("description")
         refused = command(client, 1, "lease", who="Eve")
         assert refused["state"] == "refused"
-        assert "Eve, unverified, may see; lease needs the role tune" in refused["text"]
+        assert "Eve, unverified, has the role see; lease needs the role tune" in refused["text"]
         assert command(client, 2, "lease", who=" bob ")["state"] == "done"
         refused = command(client, 3, "shelve", path="sorter.belt", value=60.0)
         assert refused["state"] == "refused"
-        assert "bob, unverified, may operate; shelve needs the role maintain" in refused["text"]
+        assert "bob, unverified, has the role operate; shelve needs the role maintain" in refused["text"]
         assert command(client, 4, "acknowledge")["state"] == "done"
         in_roles(tmp_path, '[unverified]\npage = "see"\n')
         assert command(client, 5, "lease", who="bob")["state"] == "refused"
@@ -262,7 +262,7 @@ def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStat
         eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
         eventually(lambda: not station.reader.now().holder)
         latest = [event.text for event in station.events][::-1]
-        assert latest.index("the lease of Ann (page, 127.0.0.1) has ended: it was not renewed") < latest.index(
+        assert latest.index("the lease of Ann (page, 127.0.0.1) has ended, because it was not renewed") < latest.index(
             "dead-man timeout"
         )
 

@@ -90,7 +90,7 @@ def test_a_mistake_in_the_roles_is_told_when_other_computers_may_operate(
     monkeypatch.setattr("umo.clients.page.server.serve", serve)
     monkeypatch.setattr("umo_command.show.page.drop_realtime", lambda: None)
     words = ("show", "page", "--host", "0.0.0.0", "--token", "long enough", "--port", "0")
-    told = "other users may only look: "
+    told = "other users may only see the machine: "
     result = umo(*words, "--operate")
     assert told in " ".join(result.stderr.split())
     assert "ann: there is no role 'maintian' (did you mean 'maintain'?)" in " ".join(result.stderr.split())
@@ -121,14 +121,14 @@ def test_the_address_that_it_prints_opens_the_page_until_ctrl_c() -> None:
             assert b"<title>umo</title>" in response.read()
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=20)
-        assert error == "umo: the page has ended; stations that run go on\n"
+        assert error == "umo: the page has ended; running stations continue\n"
         assert process.returncode == 0
 
 
 def test_its_help_names_the_clients(umo: Umo) -> None:
     text = " ".join(umo("show", "page", "--help").stdout.split())
-    assert "scope, machine, twin, operate" in text
-    assert "At another address (--host), and through a proxy (--proxy), a token must be given" in text
+    assert "tabs Scope, Machine, Twin and Operate" in text
+    assert "With another address (--host) or a proxy (--proxy) you must give a token" in text
 
 
 def test_the_examples_show_no_token_to_those_who_list_the_processes(umo: Umo) -> None:
@@ -181,6 +181,6 @@ def test_a_file_that_is_not_a_certificate_is_refused(umo: Umo, tmp_path: Path) -
 
 def test_a_station_that_is_none_is_answered_in_a_line_with_those_that_are(umo: Umo) -> None:
     result = umo("show", "page", "ztheat")
-    known = "running: none; others: batch, conveyor, furnace, ztheta, or a directory"
+    known = "running: none; others: batch, conveyor, furnace, ztheta, or a folder"
     assert result.exit_code == 2
     assert result.stderr == f"umo: there is no station 'ztheat' (did you mean 'ztheta'?); {known}\n"

@@ -154,7 +154,7 @@ def test_a_command_that_fails_once_it_has_begun_ends_what_the_one_before_it_held
         assert "RangeError" in ann.do("call", "jog", arguments={"velocity": 9.0}).text
         world.step()
         assert world.valve == 0.0 and not world.control.actions.held
-        assert ann.session.ended("jog") == "the command after it failed"
+        assert ann.session.ended("jog") == "the next command failed"
 
 
 def test_one_class_sends_commands_and_knows_whether_its_lease_lasts() -> None:

@@ -351,7 +351,7 @@ def test_what_is_bad_has_no_value_on_the_scope() -> None:
     ("paths", "seconds", "error", "text"),
     [
         (["encodr"], 1.0, PathError, r"there is no object or signal 'encodr' \(did you mean 'encoder'\?\) in press"),
-        (["encoder"], 0.0, RangeError, "seconds: 0.0 is not above 0 and up to 300"),
+        (["encoder"], 0.0, RangeError, "seconds: 0.0 must be above 0 and at most 300"),
         (["encoder"], float("nan"), RangeError, "seconds: nan"),
     ],
 )
@@ -363,7 +363,7 @@ def test_a_scope_that_cannot_be_is_refused(paths: list[str], seconds: float, err
 def test_a_scope_of_too_many_traces_is_refused() -> None:
     with (
         running(oven(20)) as (_, station),
-        pytest.raises(PathError, match="40 objects and signals; a scope shows up to"),
+        pytest.raises(PathError, match="40 objects and signals; a scope shows at most"),
     ):
         Scope(station.reader, ["zones"], 1.0)
 

@@ -434,7 +434,11 @@ def test_a_compilation_that_fails_by_itself_leaves_the_laws_in_python(monkeypatc
 @pytest.mark.parametrize(
     ("fails", "told"),
     [
-        (False, "the laws are compiled: C drives when each was the same as in Python for 20 of its periods"),
+        (
+            False,
+            "the laws are compiled: C drives as soon as each law gave the same results as in Python for 20 of its "
+            "periods",
+        ),
         (True, "the laws run in Python, not compiled: KeyError: 'gone'"),
     ],
 )

@@ -17,5 +17,5 @@ class ArgumentThatIsChanged(Program):
         return row[0]
 
     def control(self) -> None:
-        # refused: the function changes an array that it also has under another name; a copy
+        # refused: the function changes an array that also has another name in it; a copy
         self.k = self.first(self.row)

@@ -10,5 +10,5 @@ class ClassOfACaughtError(Program):
         try:
             self.k = 1.0 / self.u
         except ArithmeticError as error:
-            # refused: this depends on a text made at run time, or on a caught error; a state of an Enum, an `except` for each error
+            # refused: this depends on a string that is made at run time, or on a caught error; a state of an Enum, an `except` for each error
             self.c = 1 if isinstance(error, ZeroDivisionError) else 2

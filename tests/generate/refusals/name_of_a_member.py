@@ -25,5 +25,5 @@ class NameOfAMember(Program):
 
     def control(self) -> None:
         self.side = Side.RIGHT if self.u > 1.0 else Side.LEFT
-        # refused: this depends on a text made at run time, or on a caught error; a state of an Enum, an `except` for each error
+        # refused: this depends on a string that is made at run time, or on a caught error; a state of an Enum, an `except` for each error
         self.yes = self.side.name == "LEFT"

@@ -18,5 +18,5 @@ class SliceAsAnArgument(Program):
         return float(part[0])
 
     def control(self) -> None:
-        # refused: the function changes an array that it also has under another name; a copy
+        # refused: the function changes an array that also has another name in it; a copy
         self.k = self.changed(self.row[1:])

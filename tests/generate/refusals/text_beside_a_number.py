@@ -11,5 +11,5 @@ class TextBesideANumber(Program):
 
     def control(self) -> None:
         self.phase = "hold" if self.u > 1.0 else "idle"
-        # refused: a text is compared with something other than a text, or by order; ==, with a text
+        # refused: a string is compared with something other than a string, or by order; ==, with a string
         self.yes = self.phase == self.n

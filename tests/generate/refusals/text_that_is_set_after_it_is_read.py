@@ -13,6 +13,6 @@ class TextThatIsSetAfterItIsRead(Program):
         self.note = f"seen {self.n}"
 
     def control(self) -> None:
-        # refused: this depends on a text made at run time, or on a caught error; a state of an Enum, an `except` for each error
+        # refused: this depends on a string that is made at run time, or on a caught error; a state of an Enum, an `except` for each error
         self.a.write(1.0 if self.note == "" else 2.0)
         self.marks()

@@ -10,6 +10,6 @@ class TextThatMayBeAnother(Program):
         self.note = ""
 
     def control(self) -> None:
-        # refused: this depends on a text made at run time, or on a caught error; a state of an Enum, an `except` for each error
+        # refused: this depends on a string that is made at run time, or on a caught error; a state of an Enum, an `except` for each error
         self.a.write(1.0 if isinstance(self.note, str) and self.note in ("seen",) else 2.0)
         self.note = f"seen {self.n}"

@@ -32,11 +32,14 @@ def test_a_part_on_a_controller_needs_no_line_for_its_objects() -> None:
     ("lines", "text"),
     [
         ({"thata": {"controller": "drive"}}, "wire.\"thata\": the machine has no such part (did you mean 'theta'?)"),
-        ({"theta.step": {"controller": "drive"}}, 'wire."theta.step": is an object; a part runs on a controller'),
+        (
+            {"theta.step": {"controller": "drive"}},
+            'wire."theta.step": is an object; only a part can run on a controller',
+        ),
         ({"z": {"controller": "drive"}}, "drive already runs another part: one part for each controller"),
         ({"theta": {"controller": "drive", "period": 1}}, 'must be { controller = "NAME" } and nothing else'),
-        ({"theta.step": {"driver": "simulated"}}, "theta.step must be on drive, as the part is"),
-        ({"z.motor": {"driver": "drive"}}, "z.motor is not of this part, and cannot be on drive"),
+        ({"theta.step": {"driver": "simulated"}}, "theta.step must be wired to drive, like the part"),
+        ({"z.motor": {"driver": "drive"}}, "z.motor does not belong to this part, and cannot be wired to drive"),
         ({"theta": {"controller": "simulated"}}, "simulated is not a controller"),
     ],
 )

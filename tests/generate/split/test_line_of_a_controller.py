@@ -191,5 +191,5 @@ def test_a_connection_that_sends_without_end_is_closed_after_one_read(controller
 def test_the_driver_says_who_has_the_controller(controller: RunningController) -> None:
     with greeter(controller) as first:
         assert welcome_of(first.said(hello(1))) is not None
-        with pytest.raises(DriverError, match="the controller drive refuses: it has another host"):
+        with pytest.raises(DriverError, match="the controller drive refuses: the controller has another host"):
             stopped(controller, 2 * LIMIT)

@@ -135,13 +135,21 @@ def test_what_is_missing_in_a_recording_is_not_identical(umo: Umo, tmp_path: Pat
     assert_no_error(file)
     file.write_bytes(DAMAGES[damage](file.read_bytes(), chunks_of(file)))
     for check in (assert_replays, assert_no_error):
-        with pytest.raises(AssertionError, match=r"identical as far as it goes: .*\nthe replay ended here: "):
+        with pytest.raises(
+            AssertionError,
+            match=r"identical as far as the recording goes: .*\nthe replay ended here: "
+            r"",
+        ):
             check(file)
         check(file, damaged=True)
     told = umo("recording", "replay", str(file))
-    assert told.exit_code == ExitStatus.NOT_RECORDED and told.stdout.startswith("identical as far as it goes: ")
+    assert told.exit_code == ExitStatus.NOT_RECORDED and told.stdout.startswith(
+        "identical as far as the recording goes: "
+    )
     refused = umo("recording", "shrink", str(file), "--for", "1")
-    assert refused.exit_code == 2 and ("as far as it goes (" in refused.stderr or "are lost" in refused.stderr)
+    assert refused.exit_code == 2 and (
+        "as far as the recording goes (" in refused.stderr or "are lost" in refused.stderr
+    )
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,7 @@ def test_a_condition_is_told_where_it_begins_to_hold() -> None:
 
 def test_a_condition_on_an_object_names_read() -> None:
     m = SimpleNamespace(level=DigitalSensor("mm", minimum=0.0, maximum=1.0, resolution=0.1))
-    with pytest.raises(OptionError, match="the value of an object is given by `read\\(\\)`"):
+    with pytest.raises(OptionError, match="write `read\\(\\)` for the value of an object"):
         BreakCondition("level > 0.5").becomes_true(m, 0, 0.0)  # type: ignore[arg-type]
 
 
@@ -222,7 +222,7 @@ def test_a_condition_that_would_do_more_than_read_is_refused(text: str, told: st
     [
         (("--break", "sorter.belt.sped.read() > 1"), "Belt has no sped (did you mean 'speed'?)"),
         (("--break", "sorter > 1"), "not supported between"),
-        (("--at", "99999"), "--at: the replay did not reach this, it has 3,741 periods"),
+        (("--at", "99999"), "--at: the replay has 3,741 periods, and did not reach this one"),
         (("--at", "soon"), "is not a place in a replay"),
     ],
 )

@@ -453,7 +453,7 @@ def test_lost_frames_and_lost_entries_end_the_replay_in_words() -> None:
 
 def test_a_machine_with_other_objects_is_refused_in_one_line() -> None:
     tape = doubled().record()
-    with pytest.raises(NotReplayable, match="the machine of today has no object encoder"):
+    with pytest.raises(NotReplayable, match="the present machine has no object encoder"):
         Case(lambda: Lone(timer=timer()), lambda m: wired(m, Scripted()), drive).replay(tape)
 
 

@@ -147,7 +147,7 @@ def test_a_shrunk_recording_gives_the_same_error_and_says_that_it_is_open_loop(u
     told = {
         name: " ".join(text) for name, *text in map(str.split, umo("recording", "info", str(short)).stdout.splitlines())
     }
-    assert re.fullmatch(r"by umo recording shrink from [\d,]+ periods, for replay in open loop: .*", told["shrunk"])
+    assert re.fullmatch(r"by umo recording shrink from [\d,]+ periods, for a replay in open loop; .*", told["shrunk"])
     assert "shrunk" not in umo("recording", "info", str(file)).stdout.split()
     assert umo("recording", "shrink", str(file)).exit_code == 2
 

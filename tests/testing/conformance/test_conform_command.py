@@ -148,7 +148,7 @@ def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(
 def test_without_a_terminal_and_without_yes_nothing_is_driven(umo: Umo, press: Path, device: Device) -> None:
     result = umo("device", "conform", "press", "-w", "card")
     assert result.exit_code == 2
-    assert said(result).endswith("umo: this drives motor and fan over the whole range: confirm it by --yes")
+    assert said(result).endswith("umo: this command drives motor and fan over the whole range: confirm with --yes")
     assert "object channel raw levels" in said(result).replace("┃ ", "") and "0 to 4 V" in said(result)
     assert device.levels("out:0") == [0]
 
@@ -288,7 +288,7 @@ def test_the_tap_on_a_serial_line_has_the_settings_of_the_driver(
 def test_a_run_that_was_cut_short_is_status_3_and_says_what_it_will_take(umo: Umo, press: Path) -> None:
     result = umo("device", "conform", "press", "-w", "card", "--yes", "--minutes", "0.05")
     assert result.exit_code == 3, said(result)
-    assert "umo: a transfer takes " in said(result) and "left out first: transfers of the long run" in said(result)
+    assert "umo: a transfer takes " in said(result) and "first leaves out transfers of the long run" in said(result)
     assert "press-card-card: passed (cut short), on device tcp" in said(result)
 
 
@@ -315,7 +315,7 @@ MISTAKES = {
     "--only out:7": "'out:7' is neither a channel of this driver nor an object wired to it (did you mean 'out:1'?)",
     "--loopback motor": "--loopback motor: give OUTPUT=INPUT",
     "--loopback back=motor": "--loopback back=motor: back must be an actuator and motor a channel that can be read",
-    "--refused out:0": "--refused out:0: motor is wired to it",
+    "--refused out:0": "--refused out:0: motor is wired to this channel",
     "--only nothing": "'nothing' is neither a channel of this driver nor an object wired to it",
 }
 
@@ -333,7 +333,9 @@ def test_a_wiring_file_without_a_station_is_a_mistake(umo: Umo, tmp_path: Path) 
     (tmp_path / "deep" / "deeper" / "lone.toml").write_text("[wire]\n")
     result = umo("device", "conform", "deep/deeper/lone.toml")
     assert result.exit_code == 2
-    assert said(result) == "umo: deep/deeper/lone.toml is not in a station; give the station, and the wiring by -w"
+    assert said(result) == (
+        "umo: deep/deeper/lone.toml is not in the folder of a station; give the station, and the wiring with -w"
+    )
 
 
 def test_a_device_that_is_not_there_is_one_line_and_status_1(umo: Umo, press: Path) -> None:
@@ -374,7 +376,7 @@ def test_a_device_that_another_program_holds_is_left_alone(umo: Umo, press: Path
     finally:
         kept.release()
     assert result.exit_code == 2
-    assert "confirm it by --yes" not in said(result) and "to be driven" not in said(result)  # held before it asks
+    assert "confirm with --yes" not in said(result) and "outputs to drive" not in said(result)  # held before it asks
     assert "is held by" in said(result) and "(oven), since" in said(result)
     assert device.levels("out:0") == [0]
 
@@ -444,6 +446,6 @@ def _until(terminal: int, word: str, patience: float = 30.0) -> str:
 def test_an_earlier_unsafe_end_stays_without_consent(umo: Umo, press: Path, device: Device) -> None:
     name = f"device tcp 127.0.0.1:{device.port}"
     DeviceClaim([name], "press").stopped("a test", ["motor"])
-    assert "confirm it by --yes" in said(umo("device", "conform", "press", "-w", "card", "--acknowledge"))
+    assert "confirm with --yes" in said(umo("device", "conform", "press", "-w", "card", "--acknowledge"))
     with pytest.raises(AcknowledgeRequired):
         DeviceClaim([name], "press")

@@ -191,7 +191,7 @@ def test_a_loop_back_shows_the_level_where_the_device_keeps_no_record() -> None:
         certificate = conform(subject, only=["glitch", "reset", "range", "block write"], cycles=10)
     assert certificate.passed, str(certificate)
     assert certificate.finding("range").why == "except out:1, whose level cannot be seen"
-    assert certificate.finding("glitch").why == "nobody watched out:1"
+    assert certificate.finding("glitch").why == "the levels of out:1 were not watched"
 
 
 def test_a_loop_back_shows_a_wrong_level_on_the_way() -> None:
@@ -236,7 +236,7 @@ def test_a_device_for_one_client_refuses_the_second() -> None:
     with careful(Alone) as subject:
         found = conform(subject, only=["two clients"]).finding("two clients")
     assert found.verdict is Judgement.PASSED
-    assert found.why == "the second is refused: the device has another client"
+    assert found.why == "the second client is refused: the device has another client"
 
 
 def test_a_certificate_comes_back_from_json_and_names_no_computer(tmp_path: Any, most_rules: list[str]) -> None:
@@ -278,7 +278,9 @@ def test_the_end_is_seen_where_levels_can_be_seen() -> None:
 def test_a_refused_write_to_an_input_that_is_not_steady_is_seen_in_part() -> None:
     with careful(inputs=(Input("in:9", steady=False),), loopbacks=()) as subject:
         found = conform(subject, only=["directions"]).finding("directions")
-    assert found.why == "whether it changes in:9 was not seen: nothing says that the level is steady"
+    assert found.why == (
+        "it could not be seen whether a refused write changes in:9, because the level is not known to be steady"
+    )
 
 
 def test_the_table_has_the_text_of_a_rule_and_the_remark_behind_it() -> None:
@@ -402,7 +404,7 @@ def wired(driver: type[Wired] = Wired) -> Subject:
 def test_wires_that_take_their_time_break_no_rule() -> None:
     certificate = conform(wired(), only=["block read", "block write", "fresh", "long run"], cycles=20)
     assert certificate.passed, str(certificate)
-    assert "the level takes its time" in certificate.finding("long run").why
+    assert "the level changes slowly" in certificate.finding("long run").why
 
 
 @pytest.mark.parametrize("wrong", [True, False])
@@ -481,7 +483,7 @@ def test_a_device_that_is_not_there_is_told_as_such_and_nothing_else_is_tried() 
     with TcpTap(host, port) as tap:
         subject = Subject("dead", make=lambda: Careful(port=tap.port), outputs=(Output("out:0"),), line=tap)
         certificate = conform(subject)
-    assert certificate.finding("answers").why.startswith(f"the device is not there: {host}:{port}: Connection refused")
+    assert certificate.finding("answers").why.startswith(f"the device is missing: {host}:{port}: Connection refused")
     assert certificate.finding("late answer").why == "as above: answers"
     assert [each.rule for each in certificate.failed] == ["answers", "end"]
 
@@ -493,7 +495,7 @@ def test_a_wrong_reading_is_told_as_a_wrong_reading_where_levels_are_recorded() 
 
     with careful(Misread) as subject:
         why = conform(subject, only=["range"]).finding("range").why
-    assert why.startswith("in:0 reads 6; out:0 is at 5, as it should be after write(5) (if the device has steps")
+    assert why.startswith("in:0 reads 6, but out:0 is at 5, which is right after write(5) (if the device has steps")
 
 
 def test_the_plan_names_the_rules_that_do_not_fit() -> None:
@@ -555,7 +557,11 @@ def test_what_measures_memory_leaves_time_for_its_rounds() -> None:
 def test_a_few_calls_that_each_keep_some_small_objects_are_seen_to_grow() -> None:
     kept: list[object] = []
     context = RuleContext(simulated(), 60, Budget(60.0, all_rules()))
-    with pytest.raises(RuleBroken, match=r"the memory grew by \d+ objects in each 20 calls"):
+    with pytest.raises(
+        RuleBroken,
+        match=r"the memory grew by \d+ objects and at least \d+ bytes in each round of 20 "
+        r"calls",
+    ):
         _grows(context, lambda: kept.extend(object() for _ in range(3)), "calls")
 
 
@@ -610,7 +616,7 @@ def test_a_slow_start_leaves_out_no_rule_that_was_promised(minutes: float) -> No
     with careful(StartsWithEachConnection, timeout=0.5) as subject:
         certificate = conform(subject, minutes=minutes, plan=plans.append)
     promised = set(plans[0].least) - set(plans[0].left_out)
-    assert not [each.rule for each in certificate.findings if each.rule in promised and "time was up" in each.why]
+    assert not [each.rule for each in certificate.findings if each.rule in promised and "time was over" in each.why]
     assert certificate.passed, str(certificate)
 
 
@@ -629,7 +635,7 @@ def test_what_does_not_fit_into_the_time_is_left_out_and_named() -> None:
     assert certificate.finding("range").verdict is Judgement.NOT_TRIED or any(
         "levels" in each for each in certificate.left_out
     )
-    assert certificate.finding("memory").why == "left out, as the time was up (--minutes)"
+    assert certificate.finding("memory").why == "left out, because the time was over (`minutes`, --for)"
     assert "the rule memory" in certificate.left_out
     assert "the rule end" not in certificate.left_out and certificate.finding("end").verdict is Judgement.PASSED
     assert certificate.passed and certificate.status.endswith("(the line was not tried, cut short)")
@@ -649,7 +655,7 @@ def test_without_a_steady_input_it_is_not_said_that_answers_have_no_number() -> 
     moving = (Input("in:8", steady=False),)
     with careful(inputs=moving, outputs=(), loopbacks=(), refused=(), levels=None) as subject:
         why = conform(subject, only=["old answer"]).finding("old answer").why
-    assert why.startswith("whether answers to reads carry a number is not seen") and "--steady" in why
+    assert why.startswith("it could not be seen whether answers to reads carry a number") and "--steady" in why
 
 
 def test_an_old_answer_is_told_of_a_driver_that_connects_for_each_call() -> None:
@@ -670,7 +676,7 @@ def test_a_refused_input_says_nothing_about_writes() -> None:
         certificate = conform(subject, only=["block failures", "error answer"])
     assert certificate.passed
     assert "writes: no channel of this direction" in certificate.finding("block failures").why
-    assert "no writes that the device refuses are known" in certificate.finding("error answer").why
+    assert "the kit knows no writes that the device refuses" in certificate.finding("error answer").why
 
 
 def test_the_requests_of_a_driver_that_sends_by_itself_are_not_counted() -> None:
@@ -742,19 +748,19 @@ def test_a_certificate_that_a_test_shows_begins_with_the_reason() -> None:
 
     with careful(Misread) as subject:
         shown = repr(conform(subject, only=["range", "reading"]))
-    assert shown.startswith("range: in:0 reads 6; out:0 is at 5, as it should be after write(5)")
+    assert shown.startswith("range: in:0 reads 6, but out:0 is at 5, which is right after write(5)")
 
 
 UNSEEN = {
-    "before open": "whether the driver connects before open was not seen",
+    "before open": "it could not be seen whether the driver connects before open",
     "vanish": "every call succeeded, but no level can be seen",
-    "initialise": "whether the others stay was not seen: no record",
-    "two clients": "there is only one output, so no other one was written",
-    "end": "whether closing moves one was not seen: it needs a line and a record",
-    "descriptors": "3 openings; no line, so no lost connections and spoiled answers",
+    "initialise": "it could not be seen whether the other outputs stay: there is no record of levels",
+    "two clients": "there is only one output, so no other output was written",
+    "end": "it could not be seen whether closing moves an output: this needs a line and a record of levels",
+    "descriptors": "3 openings; there is no line, so no connections were lost and no answers were spoiled",
     "kind of errors": "no call can be made to fail: there is no line between driver and device",
     "idle": "not while the device is silent: there is no line",
-    "watchdog": "nothing says with which time to arm it",
+    "watchdog": "the time of the watchdog is not known",
 }
 
 
@@ -843,4 +849,4 @@ def test_a_driver_that_umo_takes_off_the_cycle_only_is_wired_so() -> None:
     with careful(Slow) as subject:
         found = conform(subject, only=["errors are named"]).finding("errors are named")
     assert found.verdict is Judgement.NOT_TRIED
-    assert found.why.startswith("umo takes this driver off the cycle only")
+    assert found.why.startswith("umo uses this driver only off the cycle")

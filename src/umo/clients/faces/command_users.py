@@ -56,7 +56,7 @@ def arguments_of(text: Any) -> dict[str, Any]:
     except (ValueError, TypeError, RecursionError):
         found = None
     if not isinstance(found, dict):
-        raise OptionError('the arguments are a JSON object, as {"weight": 1.5}')
+        raise OptionError('the arguments must be a JSON object, such as {"weight": 1.5}')
     return found
 
 
@@ -66,5 +66,5 @@ def asked_of(verb: Verb, text: Any) -> tuple[str, dict[str, Any]]:
     given = arguments_of(text)
     path = given.pop(PATH, "")
     if not isinstance(path, str):
-        raise OptionError(f'{verb.name}: the path must be a text, as {{"{PATH}": "tank.full"}}')
+        raise OptionError(f'{verb.name}: the path must be a string, such as {{"{PATH}": "tank.full"}}')
     return path, verb.fields(given)

@@ -37,8 +37,9 @@ class Endpoint:
             raise OptionError(f"port {self.port} is not from 0 to 65535")
         if not is_local(self.host) and (self.certificate is None or self.clients is None):
             raise OptionError(
-                f"{self.host} can be reached from other computers: give `certificate` (of this server) and `clients` "
-                "(certificates of those that may connect), or leave `host` out: 127.0.0.1"
+                f"{self.host} can be reached from other computers: give `certificate` (the certificate of this "
+                f"server) and `clients` (the certificates of the clients that may connect), or leave out `host` "
+                f"(default: 127.0.0.1)"
             )
 
     def listening(self) -> socket.socket:
@@ -48,7 +49,7 @@ class Endpoint:
             return socket.create_server((self.host, self.port), family=family, backlog=64)
         except OSError as error:
             words = os.strerror(error.errno) if error.errno and error.errno > 0 else str(error)
-            taken = ": another process has it; give another `port`" if error.errno == errno.EADDRINUSE else ""
+            taken = ": another process uses it; give another `port`" if error.errno == errno.EADDRINUSE else ""
             raise UmoError(f"{self.host} port {self.port}: {words}{taken}") from None
 
     def context(self) -> ssl.SSLContext | None:

@@ -91,7 +91,7 @@ def faces_of(
     for face in changes:
         if face not in chosen:
             raise OptionError(
-                f"an option is given for {face}, which is not served{did_you_mean(face, chosen)}; the faces are "
+                f"an option was given for {face}, which is not served{did_you_mean(face, chosen)}; the faces are "
                 f"{', '.join(chosen)}"
             )
     return [(name, _made(name, settings, changes.get(name, {}))) for name in chosen]
@@ -133,4 +133,4 @@ def _made(name: str, settings: FaceSettings, changes: Mapping[str, Any]) -> Face
     except OptionError as error:
         raise refusal([("", str(error))], place, f"faces.{name}") from None
     except Exception as error:  # of a face of others
-        raise OptionError(f"{name} cannot be made: {text_of(error)}") from error
+        raise OptionError(f"{name} cannot be created: {text_of(error)}") from error

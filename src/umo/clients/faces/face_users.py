@@ -144,10 +144,10 @@ def _table(name: str, file: Path | None) -> Mapping[str, Any]:
 def main() -> int:
     """Ask for a password, and print the line for the file."""
     if sys.argv[1:] in (["--help"], ["-h"]):
-        print(f"{USAGE}\nAsks for a password twice, and prints the line for {place()}.")
+        print(f"{USAGE}\nThis command asks for a password twice, and prints the line for {place()}.")
         return 0
     if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
-        print(f"which user? {USAGE}", file=sys.stderr)
+        print(f"give the name of the user: {USAGE}", file=sys.stderr)
         return 2
     password = getpass.getpass()
     if not password or getpass.getpass("Again: ") != password:

@@ -96,12 +96,12 @@ class Gateway:
         if self._is_closed:
             return "the run has ended"
         if self._is_reader:
-            return f"{self._face} only reads here: it was started without --commands"
+            return f"{self._face} can only read: it was started without --commands"
         if not user.name.strip():
             return "a command needs the name of its user"
         verb = VERBS.get(do)
         if verb is not None and verb.is_of_lease:
-            return f"{do}: the lease is taken for each command"
+            return f"{do}: the face takes the lease for each command"
         if not user.is_owner:
             refusal = self._roles_now().refusal(Caller(self._face, user.name, user.proved), do)
             if refusal is not None:
@@ -109,7 +109,7 @@ class Gateway:
         if _is_level(do):  # no flood of commands keeps anybody from it
             return None
         if user.is_alive is None and self._session.lasts(do, path) is not None:
-            return f"{path} is held only while its client gives signs of life, and {self._face} transmits none"
+            return f"{path} is held only while its client sends heartbeats, and {self._face} transmits no heartbeats"
         room = 2 if verb is not None and verb.ends else 1
         if self._pending.total() >= room * MAX_COMMANDS or self._pending[user.name] >= room * MAX_OF_USER:
             return "too many commands at once"
@@ -152,7 +152,7 @@ class Gateway:
         async def looked() -> float:
             seen = await self._looked()
             if self._is_closed:
-                raise FramesError("the run has ended before it answered")
+                raise FramesError("the run ended before the machine answered")
             return seen
 
         async def is_over(_: list[Event], seen: float) -> bool:
@@ -160,7 +160,7 @@ class Gateway:
             if asked.end is not None and (user is None or asked.end.time <= seen):
                 return True
             if seen == inf:
-                raise FramesError("the run has ended before it answered")
+                raise FramesError("the run ended before the machine answered")
             if user is not None and asked.begun and asked.end is None and not is_cancelled and not lives(user):
                 is_cancelled = True
                 await self._send(self._session.asking(CANCEL.name, asked.path, who=asked.who))

@@ -117,7 +117,7 @@ class FaceHost:
             except UmoError as error:
                 if str(error) != told:
                     told = str(error)
-                    self._say(f"{told}; looking for it")
+                    self._say(f"{told}; waiting for the station")
                 await asyncio.sleep(SEARCH_PAUSE)
                 continue
             told = ""

@@ -139,16 +139,16 @@ def _run_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
     places = {item.path: item.number for item in machine.of_kind(ItemKind.RUN)}
     values = {path: float(changes.values[place]) for path, place in places.items()}
     counters = {
-        "periods": "Periods of the run.",
-        "missed": "Periods that were missed.",
+        "periods": "Number of periods of the run.",
+        "missed": "Number of missed periods of the run.",
     }
     for name, text in counters.items():
         counter = CounterMetricFamily(f"umo_{name}", text, labels=["station"])
         counter.add_metric([machine.station], values[name])
         yield counter
     gauges = {
-        "execution": "Greatest time from waking up to the end of a period since the last look.",
-        "wake": "Greatest time from the tick to waking up since the last look.",
+        "execution": "Longest time from waking up to the end of a period, since the last reading.",
+        "wake": "Longest time from the tick to waking up, since the last reading.",
     }
     for name, text in gauges.items():
         if changes.quality[places[name]] <= FRESH:
@@ -162,7 +162,9 @@ def _run_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
 
 def _value_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
     labels = ["station", "path", "kind"]
-    value = GaugeMetricFamily("umo_value", "A number; left out if it is stale or bad.", labels=[*labels, "unit"])
+    value = GaugeMetricFamily(
+        "umo_value", "Value of a number; missing while the quality is stale or bad.", labels=[*labels, "unit"]
+    )
     state = GaugeMetricFamily(
         "umo_state", "1 for the current state, 0 for each other state.", labels=[*labels, "state"]
     )

@@ -30,7 +30,8 @@ AUTHORITY_DAYS, DAYS = 20 * 365, 2 * 365
 THIS_COMPUTER = ("localhost", "127.0.0.1")
 """Hosts in every certificate of a server, so that programs on the same computer reach the server, too."""
 HEAD = (
-    "# The rules of a fleet: a line for each certificate. Routers, and gateways that listen, read it at their start.\n"
+    "# The rules of a fleet, one line for each certificate. Routers, and gateways that listen, read this file at "
+    "their start.\n"
 )
 
 
@@ -66,7 +67,7 @@ class Authority:
         for site in sites:
             checked_name(site)
         if name == AUTHORITY or target.exists():
-            raise OptionError(f"{target} exists: it is not overwritten; move it away, or choose another name")
+            raise OptionError(f"{target} exists: umo does not overwrite it; move it, or choose another name")
         if f"{kind}:{name}" in self.rules.withdrawn:
             raise OptionError(f"{kind}:{name} was withdrawn, and its certificate still exists: choose another name")
         hosts = [*dict.fromkeys((*hosts, *THIS_COMPUTER))] if hosts else []
@@ -85,7 +86,9 @@ class Authority:
         rules = self.rules
         found = [(kind, name) for kind in KINDS if rules.has(kind, name)]
         if not found:
-            raise OptionError(f"{file} has no {name!r}; `umo connect certificate list` shows what was issued")
+            raise OptionError(
+                f"{file} has no {name!r}; `umo connect certificate list` shows the certificates that were issued"
+            )
         old = "|".join(re.escape(key_of(*each)) for each in found)
         kept = [line for line in file.read_text().splitlines(True) if not re.match(rf"\s*({old})\s*=", line)]
         text = "".join([*kept, *(line_of(*each, withdrawn=True) for each in found)])

@@ -79,7 +79,7 @@ class CommandOutcome:
     number: int | None = None
     answer: dict[str, Any] = field(
         default_factory=lambda: {
-            "error": "the gateway has ended; whether the command was carried out is not known",
+            "error": "the gateway has ended; it is not known whether the command was carried out",
             "kind": "TaskFailed",
         }
     )
@@ -154,10 +154,10 @@ class FleetCommands:
 
     def _parsed(self, name: str, query: zenoh.Query) -> dict[str, Any]:
         if keys.ANY in name or query.payload is None:
-            raise CommandRefused("a command needs the name of its user in its key, and a text")
+            raise CommandRefused("a command needs the name of its user in its key, and a content")
         data = bytes(query.payload)
         if len(data) > MAX_BYTES:
-            raise CommandRefused(f"a command of {len(data)} bytes is too long; the most are {MAX_BYTES}")
+            raise CommandRefused(f"a command of {len(data)} bytes is too long; at most {MAX_BYTES} are allowed")
         try:
             command = json.loads(data)
             texts = [command[key] for key in ("id", "client", "do")] + [command.get("path", "")]

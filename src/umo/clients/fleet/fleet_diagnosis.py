@@ -15,7 +15,7 @@ ALERT_TIME = 0.3
 """Time in s to wait for a server's refusal of the certificate."""
 
 
-NOBODY_ANSWERS, SILENT = "nobody answers there", "the computer does not answer"
+NOBODY_ANSWERS, SILENT = "nothing answers at this address", "the computer does not answer"
 """Reasons that may be temporary."""
 
 
@@ -25,7 +25,7 @@ def why_not(address: str, certificates: Path | None) -> str:
     host, _, port = rest.rpartition(":")
     host = host.strip("[]")
     if protocol == "quic":
-        return "it does not answer, or refuses the certificate"
+        return "the other side does not answer, or refuses the certificate"
     try:
         with socket.create_connection((host, int(port)), TIME) as connection:
             if protocol == "tls" and certificates is not None:
@@ -50,11 +50,11 @@ def _greeted(connection: socket.socket, host: str, certificates: Path) -> str:
         with context.wrap_socket(connection, server_hostname=host) as greeted:
             greeted.settimeout(ALERT_TIME)
             greeted.recv(1)
-        return "it closes the connection"
+        return "the other side closes the connection"
     except ssl.SSLCertVerificationError as error:
-        return f"its certificate is not accepted: {error.verify_message}"
+        return f"the certificate of the other side is not accepted: {error.verify_message}"
     except TimeoutError:
-        return "it answers, but too late"
+        return "the other side answers, but too late"
     except ssl.SSLError as error:
         told = str(error.reason or error).lower().replace("_", " ")
-        return f"it does not accept our certificate, or speaks no TLS: {told}"
+        return f"the other side does not accept the certificate of this computer, or does not speak TLS: {told}"

@@ -54,7 +54,9 @@ def identity_of(folder: Path, now: float | None = None) -> Identity:
             f"{file} is not a certificate of a fleet: its common name is not {' or '.join(f'{k}:NAME' for k in KINDS)}"
         )
     if identity.expires <= now:
-        raise OptionError(f"{file} of {identity} expired on {identity.until}; issue another (umo connect certificate)")
+        raise OptionError(
+            f"{file} of {identity} expired on {identity.until}; issue a new one (umo connect certificate)"
+        )
     if (begins := certificate.not_valid_before_utc.timestamp()) > now:
         raise OptionError(f"{file} is valid from {day(begins)} on: set the clock of this computer")
     return identity

@@ -285,7 +285,7 @@ class FleetRecorder:
             return
         if self._is_full:
             self._is_full = False
-            self._say("the history is written again")
+            self._say("the history can be written again")
         everything = run.is_written and followed.feed.holds_nothing
         followed.positions.wrote(run.last["values"], everything=everything)
         if followed.heard < self._source.now() - self._source.idle:

@@ -68,7 +68,7 @@ class RecordFolder:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self._lock.close()
-            raise OptionError(f"another recorder writes to {root}") from None
+            raise OptionError(f"another recorder already writes to {root}") from None
         (root / MERGING).touch()
         self._next: dict[Path, tuple[str, int]] = {}
         """Hour and number of the next part of each folder."""
@@ -233,7 +233,7 @@ class RecordFolder:
         aside = path.with_name(f".{path.name}.damaged")
         with suppress(OSError):
             path.rename(aside)
-        self._say(f"{path} is damaged, and is now {aside.name}: {str(error).splitlines()[0]}")
+        self._say(f"{path} is damaged, and was renamed {aside.name}: {str(error).splitlines()[0]}")
 
 
 def hour_files(place: Path) -> list[HourFile]:

@@ -117,5 +117,7 @@ def key_pattern(text: str) -> str:
     """Return a pattern such as `cell7/*` or `*/press*` as a key of Zenoh. Raises OptionError if the string is not such
     a pattern."""
     if not _PATTERN.fullmatch(text):
-        raise OptionError(f"{text!r} names no stations; write SITE/STATION, where * stands for anything, as 'cell7/*'")
+        raise OptionError(
+            f"{text!r} names no stations; write SITE/STATION, where * stands for any name, as in 'cell7/*'"
+        )
     return "/".join(part if part == "*" else re.sub(r"\*+", "$*", part) for part in text.split("/"))

@@ -52,10 +52,11 @@ _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
 def checked_name(name: str) -> str:
     """Return the name if a certificate may have it. Raises OptionError otherwise."""
     if len(name) > MAX_NAME:
-        raise OptionError(f"{printable(name[:20])}... has {len(name)} characters; the most are {MAX_NAME}")
+        raise OptionError(f"{printable(name[:20])}... has {len(name)} characters; at most {MAX_NAME} are allowed")
     if not _NAME.fullmatch(name):
         raise OptionError(
-            f"{printable(name)!r} cannot be a name; it begins with a letter or digit, and has letters, digits, _ . -"
+            f"{printable(name)!r} cannot be a name: a name begins with a letter or digit, and contains only letters, "
+            f"digits, _ . -"
         )
     return name
 

@@ -66,7 +66,7 @@ class FleetNetwork:
                 raise OptionError(f"{address}: {protocol} needs the folder of certificates (--certificates)")
         protocols = {address.startswith("tcp/") for address in (*self.connect, *self.listen)}
         if len(protocols) > 1:
-            raise OptionError("tcp and tls cannot be combined: a connection by tcp proves no identity")
+            raise OptionError("tcp and tls cannot be combined, because a connection over tcp proves no identity")
         if self.is_proved and self.certificates is not None:
             identity_of(self.certificates)
 

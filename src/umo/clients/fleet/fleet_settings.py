@@ -31,7 +31,7 @@ MAX_BYTES = 1 << 16
 
 def _addresses(value: Any) -> Sequence[str]:
     if not isinstance(value, list | tuple) or not all(isinstance(each, str) for each in value):
-        raise OptionError(f'must be a list of addresses, as ["tls/plant.local:7447"], not {cut_repr(value)}')
+        raise OptionError(f'must be a list of addresses, such as ["tls/plant.local:7447"], not {cut_repr(value)}')
     return tuple(value)
 
 
@@ -75,7 +75,7 @@ class FleetSettings:
     @property
     def why_none(self) -> str:
         """Advice for the case that no station is visible. Zenoh itself does not report that its rules forbid access."""
-        publish, identity = "`umo connect fleet` publishes those of a computer", self.network.identity
+        publish, identity = "`umo connect fleet` publishes the stations of a computer", self.network.identity
         if identity is None:
             return publish
         return f"{publish}; the router must have started with rules for {identity}"
@@ -85,8 +85,8 @@ class FleetSettings:
         identity = self.network.identity
         if identity is not None and identity.kind != kind:
             raise OptionError(
-                f"the certificate in {self.network.certificates} is of {identity}; this needs that of a {kind} "
-                f"(umo connect certificate {kind})"
+                f"the certificate in {self.network.certificates} belongs to {identity}; this command needs the "
+                f"certificate of a {kind} (umo connect certificate {kind})"
             )
 
 
@@ -110,7 +110,7 @@ def load(file: Path | None = None, changes: Mapping[str, Any] | None = None) -> 
     names = {key: segment(name) for key, name in ((SITE, given.site), (USER, given.user)) if name}
     if (identity := network.identity) is not None and names.setdefault(identity.kind, identity.name) != identity.name:
         raise OptionError(
-            f"{identity.kind} = {names[identity.kind]!r}, and the certificate in {folder} is of {identity}"
+            f"{identity.kind} = {names[identity.kind]!r}, but the certificate in {folder} belongs to {identity}"
         )
     site, user = names.get(SITE) or segment(socket.gethostname()), names.get(USER) or segment(user_name())
     return FleetSettings(site, network, user, given.jetstream)

@@ -41,9 +41,9 @@ class Credentials:
         if password is None and given.password_file is not None:
             password = (_secret(given.password_file).splitlines() or [""])[0]
         if file and (user or password):
-            raise OptionError("[jetstream]: credentials, or a user with a password, not both")
+            raise OptionError("[jetstream]: give credentials, or a user with a password, not both")
         if bool(user) != bool(password):
-            raise OptionError("[jetstream]: a user and a password (password_file) belong together")
+            raise OptionError("[jetstream]: give both a user and a password (password_file), or neither")
         if not file:
             return cls(user, password or None)
         text = _secret(file) + "\n"
@@ -79,8 +79,8 @@ def _secret(file: str) -> str:
     path = Path(file).expanduser()
     try:
         if path.stat().st_mode & 0o077:
-            raise OptionError(f"{path}: others may read it; chmod 600 {path}")
+            raise OptionError(f"{path}: other users can read the file; chmod 600 {path}")
         with path.open(encoding="utf-8") as stream:
             return stream.read(MAX_BYTES)
     except (OSError, ValueError) as error:
-        raise OptionError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}") from None
+        raise OptionError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is not text'}") from None

@@ -157,4 +157,4 @@ class JetStreamPublisher:
             given_up = ended[:-MOST_ENDED]
             self._cursors = [each for each in self._cursors if each not in given_up]
         for each in given_up:
-            self._say(f"{each.key}: the rest of an ended run was not stored in the JetStream")
+            self._say(f"{each.key}: the last data of an ended run were not stored in the JetStream")

@@ -99,7 +99,7 @@ class JetStreamServer:
         if parts.scheme == "tls" and self.certificates is None:
             raise OptionError(f"{self.url}: tls needs the folder of certificates (--certificates)")
         if self.credentials.password is not None and parts.scheme == "nats" and not is_local(str(parts.hostname)):
-            raise OptionError(f"{self.url}: a password would be readable on its way; write tls://HOST:4222")
+            raise OptionError(f"{self.url}: anybody on the network could read the password; write tls://HOST:4222")
         self.context()
 
     def context(self) -> ssl.SSLContext | None:
@@ -112,7 +112,9 @@ class JetStreamServer:
             context = ssl.create_default_context(cafile=str(ca))
             context.load_cert_chain(certificate, key)
         except OSError as error:
-            raise OptionError(f"{self.certificates}: its certificates cannot be used ({text_of(error)})") from None
+            raise OptionError(
+                f"{self.certificates}: the certificates in this folder cannot be used ({text_of(error)})"
+            ) from None
         return context
 
     @asynccontextmanager
@@ -146,12 +148,16 @@ class JetStreamServer:
                     if prepare is not None:
                         await prepare(js)
                     if told is not None:
-                        say("the JetStream is reached again")
+                        say("the JetStream can be reached again")
                     told = ""
                     await use(client, js)
                     return
             except (*AWAY, UmoError) as error:
-                text = str(error) if isinstance(error, UmoError) else f"the JetStream {self.url} is away: {why(error)}"
+                text = (
+                    str(error)
+                    if isinstance(error, UmoError)
+                    else (f"the JetStream {self.url} cannot be reached: {why(error)}")
+                )
                 if not told:
                     say(f"{text}; waiting for it")
                 told = text
@@ -179,7 +185,7 @@ class JetStreamServer:
             await js.add_stream(config)
         except nats.js.errors.APIError as error:
             raise UmoError(
-                f"{self.url}: the stream {config.name} of {config.max_bytes:,} bytes cannot be made: "
+                f"{self.url}: the stream {config.name} of {config.max_bytes:,} bytes cannot be created: "
                 f"{error.description} ([jetstream] bytes in fleet.toml)"
             ) from None
 

@@ -158,7 +158,7 @@ class JetStreamSource:
     def _give(self, message: Msg, count: int) -> None:
         at = message.metadata
         if at.sequence.consumer != count:
-            raise nats.errors.Error("messages were lost on their way")  # they come again
+            raise nats.errors.Error("messages were lost on the network")  # they come again
         self._replies.append((at.sequence.stream, message.reply))
         if at.sequence.stream <= self._taken:
             return

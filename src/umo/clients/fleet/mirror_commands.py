@@ -134,7 +134,7 @@ class MirrorCommands:
 
         def done() -> None:
             if not wait[1]:
-                lost = {"error": "no answer: whether the command was carried out is not known", "kind": "TaskFailed"}
+                lost = {"error": "no answer: it is not known whether the command was carried out", "kind": "TaskFailed"}
                 with self._lock:
                     self._answers.append((0.0, command, lost))
 

@@ -171,7 +171,7 @@ class AccessControl:
             async with asyncio.timeout(FORM_TIMEOUT):
                 form = await _body(receive)
         except TimeoutError:
-            return PlainTextResponse("the form did not come in time\n", 408)
+            return PlainTextResponse("the form did not arrive in time\n", 408)
         given = parse_qs(form.decode("latin-1"), encoding="utf-8").get("token", [""])[0]
         token = await self._judge(scope, given)
         if token is None:
@@ -183,11 +183,11 @@ class AccessControl:
     def _ask(self, headers: Headers, again: bool) -> Response:
         if "text/html" in headers.get("accept", ""):
             return self._form(again)
-        return PlainTextResponse("open the address that `umo show page` printed: it carries the token\n", 401)
+        return PlainTextResponse("open the address that `umo show page` printed: it contains the token\n", 401)
 
     @staticmethod
     def _form(again: bool) -> Response:
-        return HTMLResponse(FORM.replace("{again}", "This is not the token." if again else ""), 401)
+        return HTMLResponse(FORM.replace("{again}", "The token is wrong." if again else ""), 401)
 
     def _set_cookie(self, session: str) -> str:
         secure = "; Secure" if self._secure else ""
@@ -241,7 +241,7 @@ FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>umo</title
 <h1>umo</h1><p>{again}</p>
 <form method="post" action="/login"><label>Token or password: <input name="token" type="password" autofocus></label>
 <button>Open</button></form>
-<p>The address that <code>umo show page</code> printed carries the token.</p></html>
+<p>The address that <code>umo show page</code> printed contains the token.</p></html>
 """
 
 

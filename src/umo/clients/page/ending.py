@@ -14,7 +14,7 @@ from umo.process.frames import Reader, blackbox
 from umo.process.frames.causes import explain_all, sentences
 from umo.system.device_record import Ended, standing
 
-UNKNOWN_END = "it ended without a report: all of its processes were killed"
+UNKNOWN_END = "the run ended without a report: all of its processes were killed"
 MAX_OCCASIONS = 3
 """Number of the last missed periods of a black box that are shown."""
 RUN_FACTS = ("pid", "started", "started_monotonic")

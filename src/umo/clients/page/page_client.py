@@ -97,7 +97,7 @@ class PageClient:
         if len(self._following) >= MAX_COMMANDS:
             raise CommandRefused(f"a page may have at most {MAX_COMMANDS} commands in progress")
         if not isinstance(path := more.get("path", ""), str):
-            raise CommandRefused(f"{do}: the path must be a text")
+            raise CommandRefused(f"{do}: the path must be a string")
         asked = self._session.asking(do, who=self._who, is_alive=partial(self._is_held, path), **more)
         await self._send(asked)
         task = asyncio.create_task(self._follow(message, asked))

@@ -288,7 +288,7 @@ class Session:
 
     async def _watch(self, name: Any, place: Any) -> None:
         if not isinstance(name, str) or not isinstance(place, str | None):
-            raise BadRequest("name and place must be texts")
+            raise BadRequest("name and place must be strings")
         await self._drop_client()
         self._name, self._place = name, place
         self._forget()

@@ -170,7 +170,9 @@ class Trigger:
 
     def __init__(self, watched: Watched, message: Any) -> None:
         if not isinstance(message, dict) or message.get("kind") not in ("rising", "falling", "above", "below"):
-            raise BadRequest("a trigger has a path, a kind (rising, falling, above, below), a level, before, single")
+            raise BadRequest(
+                "a trigger needs a path, a kind (rising, falling, above or below), a level, before and single"
+            )
         self.columns = columns_of(watched, [message.get("path")])
         self.kind = str(message["kind"])
         self.level = number(message, "level")

@@ -31,10 +31,10 @@ class TuningQuestion:
         try:
             facts = LawFacts.of(message["facts"])
         except (KeyError, TypeError, ValueError):
-            raise BadRequest("facts must be those of a law") from None
+            raise BadRequest("facts must be the facts of a law") from None
         self._part = HistoryPart.of(watched, message | {"paths": facts.columns})
         if self._part.stop - self._part.start > LONGEST:
-            raise BadRequest(f"a response is {LONGEST:g} s long at most")
+            raise BadRequest(f"a response may be at most {LONGEST:g} s long")
         try:
             self._facts = facts.described(watched.entries)
         except (UmoError, KeyError) as error:

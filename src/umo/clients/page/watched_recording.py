@@ -92,7 +92,7 @@ class WatchedRecording(Watched):
         options = self._recordings[0].about.get("options", {})
         if self._station is not None and files_among(signature_of(self._station.make), options):
             raise NotReplayable(
-                "the recorded run had a file as an option, and a recording opens none: there is no twin"
+                "there is no twin: the recorded run had a file as an option, and a recording opens no files"
             )
         return super().own_twin()
 

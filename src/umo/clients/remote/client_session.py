@@ -243,7 +243,7 @@ class PendingCommand:
             self.end = end
             self._has_ended(end)
         if self.end is None and not found and ended:
-            raise FramesError(f"{reader.about['station']} has ended before it answered")
+            raise FramesError(f"{reader.about['station']} ended before the machine answered")
         if not self.begun and self._session.clock() - self._sent > self._limit * 1e9:
             raise CommandRefused(f"the machine has not answered within {self._limit:g} s")
         return found

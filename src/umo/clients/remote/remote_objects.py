@@ -126,7 +126,7 @@ class RemoteObject:
     def _frame(self) -> Any:
         frame = self._station.reader.latest()
         if frame is None:
-            raise PathError(f"{self.path} was not read yet: no period has ended")
+            raise PathError(f"{self.path} has not been read yet: no period has ended")
         return frame
 
     def read(self, unit: str | None = None) -> float | str:

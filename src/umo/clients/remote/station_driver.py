@@ -119,7 +119,7 @@ class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortFor
         return self._ages
 
     def write(self, channel: Published, raw: int) -> None:
-        raise DriverError("the values of another station are read only")
+        raise DriverError("the values of another station are read-only")
 
     # The other station ---------------------------------------------------------------------------------
 

@@ -68,7 +68,10 @@ def recommend(found: Measured) -> str:
         )
     if better:
         where = f'`busy_wait = "{number_text(found.busy_wait * 1e6)} us"` in [process]'
-        return f"{where}: {compared}, for {cost}; by itself umo run does so on a core of its own"
+        return (
+            f"{where}: {compared}, for {cost}; umo run does this by itself only on a core that is kept free for the "
+            f"loop"
+        )
     if found.granted:
         return f"`busy_wait = 0` in [process]: busy waiting for {wait} does not help here, and takes {cost}"
     return f"busy waiting does not help here: {compared}"
@@ -103,7 +106,7 @@ def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | Non
         lines.append(f"the frequency governor is {governor}: cpupower frequency-set -g performance")
     if read("/proc/sys/kernel/sched_rt_runtime_us").strip() not in ("", "-1") and not found.refusals:
         lines.append(
-            "real-time throttling takes 5 % of each second from a loop that never waits: harmless for one that does"
+            "real-time throttling takes 5 % of each second from a loop that never waits: harmless for a loop that waits"
         )
     if not found.refusals and _release() >= (6, 12):
         lines.append(
@@ -111,9 +114,11 @@ def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | Non
             "echo 0 > /sys/kernel/debug/sched/fair_server/cpuN/runtime"
         )
     if " hypervisor" in read("/proc/cpuinfo"):
-        lines.append("this is a virtual machine: its host can take the processor away; measure on the machine itself")
+        lines.append(
+            "this is a virtual machine: the host can take the processor away; measure on the physical computer"
+        )
     if (cores or os.cpu_count() or 1) < 2:
-        lines.append("there is one core: everything else runs on it too")
+        lines.append("there is only one core, and all other processes run on it too")
     elif not read("/sys/devices/system/cpu/isolated").strip():
         lines.append("no core is kept free for the loop: isolcpus=domain,1 on the kernel's command line")
     return lines

@@ -75,7 +75,9 @@ def identify_axis(response: MeasuredResponse, sign: float = 0.0) -> AxisModel:
     velocity, acceleration, output = _smoothed(response)
     moving = np.abs(velocity) > MOVING * np.abs(velocity).max()
     if np.count_nonzero(moving) < LEAST_MOVING or not (velocity[moving] > 0.0).any() or (velocity[moving] > 0.0).all():
-        raise RangeError("the axis must move in both directions: its friction cannot be told from its speed otherwise")
+        raise RangeError(
+            "the axis must move in both directions: otherwise its friction cannot be distinguished from its speed"
+        )
     direction = np.sign(velocity)
     columns = np.column_stack([velocity, acceleration, direction, np.ones(len(velocity))])[moving]
     _, _, friction, offset = np.linalg.lstsq(columns, output[moving], rcond=None)[0]

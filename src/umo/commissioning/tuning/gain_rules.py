@@ -89,7 +89,7 @@ def _first_with_margins(name: str, gains: Gains, models: SampledModels) -> int:
             return next(tried for tried in range(max(last - STRIDE + 1, 0), last + 1) if tried == last or enough(tried))
     if models.may_be_unstable:
         raise RangeError(
-            "it is unclear whether the process is unstable by itself: a larger amplitude, a longer experiment or "
+            "it is unclear whether the process without control is unstable: a larger amplitude, a longer experiment or "
             "less disturbance may help"
         )
     raise RangeError(f"no {name} gains with a gain margin of {LEAST[name][0]:g} were found for this process")
@@ -98,7 +98,7 @@ def _first_with_margins(name: str, gains: Gains, models: SampledModels) -> int:
 def _too_different(models: Sequence[ProcessModel]) -> str:
     kinds, times = dict.fromkeys(each.kind for each in models), [each.dead_time for each in models]
     return (
-        f"models that need quite other gains fit the response as well ({', '.join(kinds)}; dead times of "
+        f"models that need very different gains fit the response equally well ({', '.join(kinds)}; dead times of "
         f"{min(times):.2g} to {max(times):.2g} s): a larger amplitude, a longer experiment or less disturbance may help"
     )
 

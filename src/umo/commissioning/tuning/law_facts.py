@@ -71,7 +71,7 @@ class LawFacts:
         found: list[Described] = []
         for what, path in (("sensor", self.sensor), ("actuator", self.actuator)):
             if not path:
-                raise PathError(f"{self.law} does not name its {what}: name it with --{what}")
+                raise PathError(f"{self.law} does not name its {what}: give --{what}")
             if path not in known or not known[path].is_number:
                 raise PathError(f"there is no {what} {path!r} that has a number{did_you_mean(path, known)}")
             found.append(known[path])

@@ -85,7 +85,7 @@ def moves(
     inside = [each for each in (start + distance, start - distance) if low <= each <= high]
     if not inside:
         at, by = measure(start, facts.units[0]), measure(distance, facts.units[0])
-        raise RangeError(f"{axis} stands at {at}: a move by {by} leaves its range")
+        raise RangeError(f"{axis} stands at {at}: a move by {by} would leave its range")
     with closing(CollectedSamples(station, facts, show)) as samples:
         for position in (inside[0], start) * MOVES:
             station.carry_out(CALL, f"{axis}.move_to", {"position": position}, samples.look)

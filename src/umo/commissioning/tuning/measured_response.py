@@ -56,11 +56,12 @@ class MeasuredResponse:
         times, outputs, measurements = times[known], outputs[known], measurements[known]
         if len(times) < MIN_RESPONSE_SAMPLES:
             raise RangeError(
-                f"{len(times)} samples have a time, an output and a measurement; {MIN_RESPONSE_SAMPLES} are needed"
+                f"{len(times)} samples have a time, an output and a measurement; at least {MIN_RESPONSE_SAMPLES} are "
+                f"needed"
             )
         steps = np.diff(times)
         if not (steps > 0.0).all():
-            raise RangeError("the times of the samples do not rise")
+            raise RangeError("the times of the samples do not increase")
         dt = float(np.median(steps))
         if steps.max() > 1.5 * dt:
             even = np.arange(times[0], times[-1] + 0.5 * dt, dt)
@@ -95,13 +96,13 @@ class MeasuredResponse:
         moved = float(np.ptp(self.outputs))
         if moved <= max(LEAST_MOVES * resolution, 1e-12 * float(np.abs(self.outputs).max())):
             raise RangeError(
-                f"{output} did not move (by {moved:g} in {self.duration:g} s): nothing can be learnt from it; "
-                "make an experiment with --step or --relay"
+                f"{output} did not move (by {moved:g} in {self.duration:g} s): the gains cannot be found from it; "
+                f"make an experiment with --step or --relay"
             )
         spread, noise = float(np.std(self.measurements)), self.noise
         if not spread or spread < MIN_SIGNAL_TO_NOISE * noise:
             raise RangeError(
-                f"{measurement or 'the measurement'} shows no response: it spreads by {spread:.3g}, its noise by "
+                f"{measurement or 'the measurementf'} shows no response: it changes by {spread:.3g}, and its noise is "
                 f"{noise:.3g}; use a larger amplitude"
             )
 

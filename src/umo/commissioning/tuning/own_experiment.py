@@ -55,7 +55,7 @@ def own_experiment(
     if plan.wired.realtime:
         raise OptionError(
             f"{plan.name} with the wiring {plan.wiring_name or 'given'} runs in real time: start it with `umo run "
-            f"{plan.name} --manual`, and tune it while it runs"
+            f"{plan.name} --manual`, and tune the law while the station runs"
         )
     rows, ended = array("d"), dict[str, Any]()
 
@@ -65,9 +65,7 @@ def own_experiment(
         task = None if plan.application is None else machine.cycle.start(plan.application(machine))
         await wait(at)
         if task is not None and task.done:
-            raise CommandRefused(
-                f"the application has ended before {at:g} s: nothing runs any more; give a smaller --at"
-            )
+            raise CommandRefused(f"the application ended before {at:g} s; give a smaller --at")
         loop = loop_at(machine, place)
         experiments = loop.law.experiments(loop.part, loop.path, loop.name)
         ended.update(await experiments.experiment(**arguments))
@@ -87,7 +85,7 @@ def own_experiment(
     if not ended:
         if connection.stop.signal is not None:
             raise KeyboardInterrupt
-        raise CommandRefused("the run has ended before the experiment")
+        raise CommandRefused("the run ended before the experiment")
     found = np.array(rows).reshape(-1, 1 + len(facts.columns))
     return MeasuredResponse.of_rows(found[found[:, 0] <= ended["to"]]), ended
 

@@ -39,12 +39,12 @@ def _of_trace(file: Path, paths: Sequence[str]) -> FloatArray:
             heads = next(csv.reader(lines), [])
             columns = {head.partition("[")[0]: place for place, head in enumerate(heads)}
             if TIME not in columns:
-                raise OptionError(f"--file {file}: it is not a trace of a run: it has no column {TIME}")
+                raise OptionError(f"--file {file}: the file is not a trace of a run: it has no column {TIME}")
             places = [columns[TIME], *(_place(columns, each, file) for each in paths)]
             rows = [[row[place] for place in places] for row in csv.reader(lines) if len(row) == len(heads)]
             return np.array(rows, np.float64).reshape(-1, len(places))
     except (OSError, UnicodeError, ValueError, csv.Error) as error:
-        raise OptionError(f"--file {file}: it cannot be read: {error}") from None
+        raise OptionError(f"--file {file}: the file cannot be read: {error}") from None
 
 
 def _place(columns: dict[str, int], path: str, file: Path) -> int:

@@ -44,7 +44,8 @@ def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles
     cycles = len(rises) - 1
     if cycles < FEWEST_CYCLES:
         raise RangeError(
-            f"the relay made {max(cycles, 0)} whole cycles, {FEWEST_CYCLES} are needed: the process did not swing; "
+            f"the relay made {max(cycles, 0)} complete cycles, and {FEWEST_CYCLES} are needed: the process did not "
+            f"oscillate; "
             "a larger amplitude, less hysteresis or more time may help"
         )
     span = slice(rises[0], rises[-1])

@@ -14,7 +14,7 @@ def check_tunable(station: RunningStation, law: str, names: Iterable[str]) -> No
     known = station.reader.tunables()
     missing = [each for name in names if (each := f"{law}.{name}") not in known]
     if missing:
-        raise OptionError(f"{' and '.join(missing)}: not tunable, so it cannot be tried on a station that runs")
+        raise OptionError(f"{' and '.join(missing)}: not tunable, so new gains cannot be tried on a running station")
 
 
 @contextmanager

@@ -126,17 +126,20 @@ def check_tunable(identified: Identified) -> None:
         )
     if model.structure.unstable:
         raise RangeError(
-            f"the process is unstable by itself (time constant {model.lags[0]:.3g} s): no gains are printed for it"
+            f"the process without control is unstable (time constant {model.lags[0]:.3g} s): no gains are printed for "
+            f"it"
         )
     behind = model.lags if model.integrates or model.structure.oscillates else model.lags[1:]
     if max(behind, default=0.0) - max(model.zero, 0.0) > LONGEST_SECOND_LAG * identified.duration:
         raise RangeError(
-            f"the response of {identified.duration:.3g} s is too short: the process may integrate twice; a longer "
+            f"the response of {identified.duration:.3g} s is too short: the process may be a double integrator; a "
+            f"longer "
             "experiment or a wider --within may help"
         )
     if model.structure.oscillates and model.damping < LEAST_DAMPING:
         raise RangeError(
-            f"the process oscillates by itself (period {6.283 * model.lags[0]:.3g} s, damping {model.damping:.2g}): no "
+            f"the process without control oscillates (period {6.283 * model.lags[0]:.3g} s, damping "
+            f"{model.damping:.2g}): no "
             "gains are printed for it"
         )
 

@@ -103,7 +103,7 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
             if not isinstance(sampling_frequency, int | float) or not 0 < sampling_frequency < 1e9:
                 raise WiringError(f"sampling_frequency must be in Hz and above 0, not {sampling_frequency!r}")
             if trigger is None:
-                raise WiringError("sampling_frequency is that of scans: it needs the option trigger")
+                raise WiringError("sampling_frequency is the rate of scans, which need the option trigger")
         for name in conditioned:
             if not _NAME.fullmatch(name):
                 raise WiringError(f"conditioned lists channels such as 'in_voltage0', not {name!r}")

@@ -162,5 +162,5 @@ def trigger_named(name: str) -> Path:
     try:
         return folders[one_named("trigger", name, dict.fromkeys(folders, ()))]
     except DriverError as error:
-        how = f"a timer is made by: mkdir /sys/kernel/config/iio/triggers/hrtimer/{name}"
+        how = f"to make a timer: mkdir /sys/kernel/config/iio/triggers/hrtimer/{name}"
         raise DriverError(f"{error}; {how}") from None

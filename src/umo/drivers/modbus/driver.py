@@ -317,8 +317,10 @@ def _check_unit(place: Place, unit: int, answers_as: int | None, boot_time: str 
     else:
         within("unit", unit, 1, 247, " on a serial line (0 is a broadcast, which no unit confirms)")
         if answers_as is not None:
-            raise WiringError("answers_as is for a gateway on TCP: on a serial line the unit tells answers apart")
+            raise WiringError(
+                "answers_as can only be used with a gateway on TCP: on a serial line the unit distinguishes the answers"
+            )
         if boot_time is not None:
-            raise WiringError("boot_time is for TCP: a serial line is not connected")
+            raise WiringError("boot_time can only be used with TCP: a serial line has no connection")
     if answers_as is not None:
         within("answers_as", answers_as, 0, 255)

@@ -173,7 +173,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         register = channel.register
         found = channel.decode(register.unpack(self._read_block(register.page, register.address, register.size)))
         if found != value:
-            raise DriverError(f"{channel.text} is {found:#x} in place of {value:#x}: no device, or another one")
+            raise DriverError(f"{channel.text} is {found:#x} in place of {value:#x}: no device, or another device")
 
     def _shut(self) -> None:
         bus, self._bus, self._broken = self._bus, None, False

@@ -105,7 +105,7 @@ class ReadCommand:
             raise UnexpectedAnswer(f"the answer {shown(line)} does not match {self.answer.text!r}")
         if not value.strip() and not line.strip() and "" not in self.states:
             raise UnexpectedAnswer(
-                "an empty answer is not a number or state; skip_empty_lines = true if others follow it"
+                "an empty answer is not a number or state; set skip_empty_lines = true if other lines follow it"
             )
         if not self.states:
             return self.number(value)
@@ -292,7 +292,7 @@ def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCo
 def _levels(table: Any, where: str, of: Callable[[Any, str], T]) -> dict[int, T]:
     """{ 0 = "OFF", 1 = "ON" }, by number."""
     if not isinstance(table, Mapping) or not table:
-        raise WiringError(f'{where} must be a text or a table of levels {{ 0 = "OFF", 1 = "ON" }}, not {table!r}')
+        raise WiringError(f'{where} must be a string or a table of levels {{ 0 = "OFF", 1 = "ON" }}, not {table!r}')
     for level in table:
         if not re.fullmatch("0|[1-9][0-9]{0,8}", str(level)):
             raise WiringError(f"{where}: a level is a whole number from 0 on, not {level!r}")
@@ -301,7 +301,7 @@ def _levels(table: Any, where: str, of: Callable[[Any, str], T]) -> dict[int, T]
 
 def _text(value: Any, where: str) -> str:
     if not isinstance(value, str):
-        raise WiringError(f"{where} must be a text, not {value!r}")
+        raise WiringError(f"{where} must be a string, not {value!r}")
     return value
 
 

@@ -14,8 +14,8 @@ HEADER = """\
 /* machine.h: the controller of {name}, made by umo new controller for the target {target}. Do not edit it: change the
  * declaration, and generate again.
  *
- * Numbers are {real}s. Each period: machine_step, then what is in raws_out to the hardware, then machine_sent. At any
- * fault, and at any end: machine_stop, then raws_out to the hardware in the order of machine_stop_order. */
+ * Numbers are {real}s. In each period call machine_step, write raws_out to the hardware, and call machine_sent. At any
+ * fault, and at the end, call machine_stop, and write raws_out to the hardware in the order of machine_stop_order. */
 #ifndef MACHINE_H
 #define MACHINE_H
 
@@ -52,26 +52,28 @@ void machine_init(umo_machine *m);
 /* Once, after machine_init: the sensors are read for the first time, and interlocks take effect. */
 umo_fault machine_begin(umo_machine *m, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out);
 
-/* One period, `ticks` ticks after the last one (1: in time). `failed_in` marks inputs that could not be read; NULL:
- * none. Fills raws_out; after a fault what was reset is in it, and the rest is as before. */
+/* Carries out one period, `ticks` ticks after the last one (1: in time). `failed_in` marks the inputs that could not be
+ * read; NULL: all were read. Fills raws_out; after a fault only the outputs that were reset have new values in it. */
 umo_fault machine_step(
     umo_machine *m, int32_t ticks, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out);
 
-/* After raws_out was written to the hardware. `failed_out` marks what was not accepted; NULL: all was. Where it leaves
- * m->core.changed true, {changed} changed raws_out: write it again, and call it again. */
+/* Call it after raws_out was written to the hardware. `failed_out` marks the outputs that were not accepted; NULL: all
+ * were. If m->core.changed is true afterwards, {changed}
+ * changed raws_out: write raws_out and call this function again. */
 umo_fault machine_sent(umo_machine *m, const uint8_t *failed_out);
 
 /* Every actuator goes to its default. */
 void machine_stop(umo_machine *m, int32_t *raws_out);
 
-/* Frees the actuators of latched interlocks whose conditions are false. */
+/* Releases the actuators of those latched interlocks whose conditions are false. */
 void machine_acknowledge(umo_machine *m);
 
-/* Ends the faults of this equipment, of what is around it and in it; -1: of all. False, and none ends, while a sensor
- * of it cannot be read. m->core.equipment[number].fault is the fault; 0: none. */
+/* Ends the faults of this equipment, and of the equipment around it and in it; -1: of all equipment. While a sensor of
+ * this equipment cannot be read, no fault ends, and the result is false. m->core.equipment[number].fault is the fault;
+ * 0: there is none. */
 bool machine_clear(umo_machine *m, int16_t number);
 
-/* Every axis decelerates to standstill from the next machine_step on, by itself. machine_moves: whether one moves. */
+/* From the next machine_step on every axis decelerates to standstill. machine_moves: whether an axis moves. */
 umo_fault machine_brake(umo_machine *m);
 bool machine_moves(umo_machine *m);
 
@@ -80,7 +82,7 @@ void *machine_struct(umo_machine *m, int16_t number);
 
 #endif
 """
-CHANGED_BY_GROUPS = "a fault of equipment, or a part with a rate of its own, which acts in this call, has\n * "
+CHANGED_BY_GROUPS = "a fault of equipment, or a part with a separate rate, has"
 STEPS = """\
 void machine_init(umo_machine *m)
 {{

@@ -186,7 +186,7 @@ class CodeWorld:
         for term in shared:
             place = term.base if isinstance(term, SliceView) else term.value
             if isinstance(plain(term.type), ArrayType) and whole(place) in found.changes:
-                raise NoTranslation(node, "the function changes an array that it also has under another name", "a copy")
+                raise NoTranslation(node, "the function changes an array that also has another name in it", "a copy")
         caller.aliases.changes |= {each for each in found.changes if isinstance(root(each), Field)}
         for term in shared if found.keeps else []:
             caller.aliases.share(term)

@@ -19,7 +19,7 @@ from umo.generate.lower.text_makers import error_as_written, evaluated, is_certa
 from umo.generate.lower.text_proofs import MAKERS, METHODS, ProofQueries, TextProof, Unproved
 from umo.generate.translation import TextMaker
 
-DEPENDS_ON_TEXT = "this depends on a text made at run time, or on a caught error"
+DEPENDS_ON_TEXT = "this depends on a string that is made at run time, or on a caught error"
 """The reason why a condition on a text cannot be translated."""
 NOT_OF_PYTHON = ArrayMethod | LocalFunction | TruePlaces | StateMethod
 """Meanings of a local name that do not exist in Python."""

@@ -170,7 +170,7 @@ class TextProof:
             pattern = r"(.?[<>^=])?[-+ ]?#?0?[0-9]*[,_]?(\.[0-9]+)?({})"
             fits = all(each and re.fullmatch(pattern.format(f"[{each}]"), spec) for each in ends)
         if not fits or not kinds:
-            raise self.unproved(node, f"the format {spec!r} does not suit all values that it may have")
+            raise self.unproved(node, f"the format {spec!r} does not suit all possible values")
 
     def _classes(self, kind: Kind) -> set[type]:
         if isinstance(kind, ClassKind):

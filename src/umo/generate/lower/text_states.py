@@ -34,7 +34,9 @@ def compared_texts(f: FunctionBuilder, sign: ast.cmpop, left: Term, right: Term,
     """Return the condition that two strings are equal. At least one of them is chosen at run time."""
     one, other = as_text(f, left, node), as_text(f, right, node)
     if one is None or other is None or not isinstance(sign, ast.Eq | ast.NotEq):
-        raise f.refused(node, "a text is compared with something other than a text, or by order", "==, with a text")
+        raise f.refused(
+            node, "a string is compared with something other than a string, or by order", "==, with a string"
+        )
     one = f.values.copied(one) if one.value == other.value else one
     test = Operator("==", one.value, other.value)
     return Code(BOOL, test if isinstance(sign, ast.Eq) else negated(test))

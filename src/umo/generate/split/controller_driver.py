@@ -161,7 +161,7 @@ class Controller(Driver[Channel], Looks, Capability):
 
     def _connected(self) -> LinkHost:
         if self._plan is None:
-            raise DriverError('no part is on it: write "PART" = { controller = "NAME" } in [wire]')
+            raise DriverError('no part is wired to this controller: write "PART" = { controller = "NAME" } in [wire]')
         if self._link is None:
             raise DriverError("it is not open")
         return self._link
@@ -289,7 +289,7 @@ class Controller(Driver[Channel], Looks, Capability):
 
     def _fault_text(self, state: ControllerState) -> str:
         if state.mode is ControllerMode.HOST_GONE:
-            return "the controller has stopped: it had not heard from this host in time"
+            return "the controller has stopped, because it received nothing from this host in time"
         if state.mode is ControllerMode.RESTING:
             return "the controller was stopped"
         assert self._plan is not None

@@ -52,7 +52,10 @@ HELLO, WELCOME = Struct("<BI"), Struct("<BIBIBH")
 HEAD, ITEM, STATE = Struct("<BHH"), Struct("<BH"), Struct("<BHHBhhIHBB")
 
 
-REFUSALS = {1: "it has another host", 2: "this process and the controller's program belong to different users"}
+REFUSALS = {
+    1: "the controller has another host",
+    2: "this process and the controller's program belong to different users",
+}
 """Reasons why a controller closes the line to a host immediately."""
 
 

@@ -242,7 +242,10 @@ class LinkHost:
             has = kinds.get(welcome.real_size, "?")
             text = f'has {has}s, and the wiring says {kinds[self._plan.real_size]}: write real = "{has}"'
         elif welcome.hash != self._plan.hash:
-            text = f"has another part than {self._plan.path}, or another version of it: generate it again and load it"
+            text = (
+                f"has another part than {self._plan.path}, or another version of this part: generate the controller "
+                f"again and load it"
+            )
         else:
             self.offered = welcome.session
             return

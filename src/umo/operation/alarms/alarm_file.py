@@ -89,7 +89,7 @@ def _opened(file: Path) -> Iterator[FileIO]:
             if _is_at(file, number):
                 yield stream
                 return
-    raise OSError(errno.EBUSY, "other users may write to it", str(file))
+    raise OSError(errno.EBUSY, "other users can write to it", str(file))
 
 
 def _is_at(file: Path, number: int) -> bool:

@@ -67,9 +67,9 @@ class AlarmOfRun:
         return self.cleared_s + (0.0 if open_since is None else max(now - open_since, 0.0))
 
     def in_words(self, now: float) -> str:
-        """Return the history as text, such as `the tank is too full (high): 3 times, 12.5 s in all, last from 50 s to
-        55 s`."""
-        times = f"{self.raised} times, {duration(self.active_s(now))} in all, last " if self.raised > 1 else ""
+        """Return the history as text: `the tank is too full (high): 3 times, 12.5 s in total, last from 50 s to 55
+        s`."""
+        times = f"{self.raised} times, {duration(self.active_s(now))} in total, last " if self.raised > 1 else ""
         return f"{self.text} ({self.priority}): {times}{self.last}"
 
 

@@ -95,7 +95,8 @@ def turn_text(declared: Sequence[DeclaredAlarm], period: float | None) -> str:
         return ""
     time = f" ({duration(turns * period)})" if period else ""
     return (
-        f"alarms: {count} functions take turns, {FREE_PER_PERIOD} a period: each is called every {turns} periods{time}"
+        f"alarms: {count} functions are called in turn, {FREE_PER_PERIOD} in each period, so each is called every "
+        f"{turns} periods{time}"
     )
 
 

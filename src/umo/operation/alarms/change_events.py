@@ -23,7 +23,7 @@ MOST_IN_A_PERIOD = 20
 """Largest number of changes by conditions that are reported in a period."""
 NOT_DUE = float("inf")
 """The value of `due` for an alarm that is not due."""
-LEFT_OUT = "changes before this one are left out"
+LEFT_OUT = "changes before this one are not shown"
 
 
 class ChangeEvents:

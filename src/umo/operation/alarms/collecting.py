@@ -160,14 +160,14 @@ def _in(where: str, item: Atomic, condition: In) -> Threshold:
             f"{where}: {condition.state!r} is not a state of {item.path}, which has {item._states.__name__}: {states}"
         )
     if item._raws != (0, 1):
-        raise DeclarationError(f"{where}: {item.path} has more states than two; give a condition of your own")
+        raise DeclarationError(f"{where}: {item.path} has more than two states; give your own condition")
     sign = 1.0 if item._number(condition.state) else -1.0
     return Threshold(item, sign, 0.5 * sign, 0.5 * sign)
 
 
 def _beyond(where: str, item: Atomic, condition: High | Low) -> Threshold:
     if item._has_states:
-        raise DeclarationError(f"{where}: {item.path} has states, and no limits; use In")
+        raise DeclarationError(f"{where}: {item.path} has states and no numbers; use In")
     (low, high), unit = item.calibration[:2], described(item).unit
     sign = 1.0 if isinstance(condition, High) else -1.0
     back = condition.limit - sign * condition.deadband

@@ -122,13 +122,15 @@ class Alarm:
             isinstance(self.condition, type) or not callable(self.condition)
         ):
             raise DeclarationError(
-                f"the condition of an alarm is a High, Low, Bad, In or a function, not {self.condition!r}"
+                f"the condition of an alarm must be a High, Low, Bad, In or a function, not {self.condition!r}"
             )
         check_acts_at_once("the condition of an alarm", self.condition)
         if not isinstance(self.text, str) or not self.text.strip() or not self.text.isprintable():
             raise DeclarationError(f"the text of an alarm must be one line, not {self.text!r}")
         if len(self.text) > MAX_TEXT:
-            raise DeclarationError(f"the text of an alarm has {len(self.text)} characters; it may have {MAX_TEXT}")
+            raise DeclarationError(
+                f"the text of an alarm has {len(self.text)} characters; at most {MAX_TEXT} are allowed"
+            )
         if not isinstance(self.priority, Priority):
             names = [each.name for each in Priority]
             near = did_you_mean(str(self.priority).upper(), names)

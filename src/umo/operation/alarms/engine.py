@@ -182,7 +182,7 @@ class AlarmEngine:
         rows = np.flatnonzero(self._due <= now)
         self._count(rows, self._seen[rows])
         for row in np.flatnonzero(self._until <= now)[:REQUESTS_PER_PERIOD].tolist():
-            self._carry_out(row, AlarmRequest(Operation.UNSHELVE, "", words="its shelving time has ended"))
+            self._carry_out(row, AlarmRequest(Operation.UNSHELVE, "", words="the shelving time has ended"))
 
     # By clients ----------------------------------------------------------------------------------------
 

@@ -99,7 +99,7 @@ class ClientActions:
         """Call an action, and return the answer. An action with a release is held. `signed`: the time of the last sign
         of life for the action."""
         if len(self._running) >= MAX_ACTIONS:
-            raise CommandRefused(f"{MAX_ACTIONS} actions are running already")
+            raise CommandRefused(f"{MAX_ACTIONS} actions are already running")
         begun, path = self._new(command, action.part), action.path
         if action.release is not None:
             self.hold(command, DEAD_MAN_TIME, signed, action.part, release=action.release)
@@ -213,7 +213,7 @@ class ClientActions:
                     held.is_running = False
         _, error = attempt(self.within, each.started, each.started.advance, self._machine.clock)
         if error is not None:
-            self.note(f"a sequence that {each.command.path} has started failed: {error}")
+            self.note(f"a sequence that {each.command.path} had started failed: {error}")
         if each.is_over:
             self._remove(each)
         elif each.started.progress != each.told:
@@ -274,10 +274,10 @@ class ClientActions:
         self._remove(action)
         _, error = attempt(self.within, action.started, action.cancel)
         if asked:
-            text = why if error is None else f"{why}; in its cleaning up: {error}"
+            text = why if error is None else f"{why}; then, while cleaning up: {error}"
             self.tell(action.command, CommandState.CANCELLED, text)
         elif error is not None:
-            self.note(f"a sequence that {action.command.path} has started failed while cleaning up: {error}")
+            self.note(f"a sequence that {action.command.path} had started failed while cleaning up: {error}")
         return error
 
     def _remove(self, action: _Action) -> None:
@@ -294,7 +294,7 @@ class ClientActions:
         before = self._held[path].before if path in self._held else None
         self.release(path, "")
         if before is not None and not before.is_running:
-            self._tell_ended([before], "the command after it failed")
+            self._tell_ended([before], "the next command failed")
 
     def _release_each(self, paths: Iterable[str], why: str) -> None:
         """End several holds for one reason."""

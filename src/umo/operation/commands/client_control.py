@@ -111,7 +111,7 @@ class ClientControl(Commanded):
         now = self.clock()  # afterwards: no sign of life is of a later time, but a wrong one
         self.lease.renew(signed[""], now)
         if self.lease.expired(now):
-            why = f"the lease of {self.lease.holder} has ended: it was not renewed"
+            why = f"the lease of {self.lease.holder} has ended, because it was not renewed"
             self.actions.note(why)
             self.end_lease(why)
         self.actions.end_unsigned(signed, now)

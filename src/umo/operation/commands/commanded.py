@@ -95,7 +95,7 @@ class Commanded(Commanding):
         long ago, because in a long period the client may have died after it sent the command."""
         signed = self.levels.signed(path, self.lease.number)
         if not 0.0 <= self.clock() - signed <= lasts:
-            raise CommandRefused(f"{path}: {DEAD_MAN_REASON}: no sign of life from its client for {lasts:g} s")
+            raise CommandRefused(f"{path}: {DEAD_MAN_REASON}: no heartbeat from its client for {lasts:g} s")
         return signed
 
     # The lease and the mode ----------------------------------------------------------------------------
@@ -112,7 +112,7 @@ class Commanded(Commanding):
         if the application cannot continue."""
         if mode is self.mode:
             if self._changing is not None:
-                raise CommandRefused("the change to automatic mode has begun, and has not ended")
+                raise CommandRefused("the change to automatic mode has not ended yet")
             return DONE
         if mode is Mode.AUTOMATIC:
             self.suspension.check()

@@ -102,10 +102,10 @@ class Roles:
             return f"{command} is not allowed while the roles cannot be read: {self.mistake}"
         who = printable(caller.name) or "a user without a name"
         if caller.is_proved:
-            return f"{who} may {role}; {command} needs the role {needed} in [users] of roles.toml {ABOUT}"
+            return f"{who} has the role {role}; {command} needs the role {needed} in [users] of roles.toml {ABOUT}"
         return (
-            f"{who}, unverified, may {role}; {command} needs the role {needed}: "
-            f"{printable(caller.way)} in [unverified] of roles.toml {ABOUT}"
+            f"{who}, unverified, has the role {role}; {command} needs the role {needed}: {printable(caller.way)} in "
+            f"[unverified] of roles.toml {ABOUT}"
         )
 
     def of(self, caller: Caller) -> Role:

@@ -218,9 +218,9 @@ class Suspension:
             for axis, left in self._lost_motions.items()
             if left.is_lost()
         ]:
-            raise CommandRefused(f"the application cannot go on: {some(lost)}; stop the run, and start it again")
+            raise CommandRefused(f"the application cannot continue: {some(lost)}; stop the run, and start it again")
         if found:
-            raise CommandRefused(f"the application cannot go on: {some(found)}; or stop the run")
+            raise CommandRefused(f"the application cannot continue: {some(found)}; or stop the run")
 
     def _changed(self) -> dict[int, float]:
         """The values that the application has left, for the actuators that have another value now, the last of the stop

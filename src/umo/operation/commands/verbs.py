@@ -41,7 +41,7 @@ def _give_back(machine: Commanded, command: ClientCommand, given: VerbArguments)
 
 
 def _stop(machine: Commanded, command: ClientCommand, given: VerbArguments) -> VerbAnswer:
-    raise CommandRefused(f"{command.do} is not sent through the queue of commands, but as a level in shared memory")
+    raise CommandRefused(f"{command.do} is sent as a level in shared memory, not through the queue of commands")
 
 
 def _change_mode(machine: Commanded, command: ClientCommand, given: VerbArguments) -> VerbAnswer:
@@ -139,40 +139,40 @@ VALUE = VerbArgument("value", ArgumentKind.VALUE, "The new value.")
 TAKE_LEASE = Verb(
     "lease", "Take the right to command.", _take_lease, role=Role.TUNE, needs_lease=False, is_of_lease=True,
     arguments=(
-        VerbArgument("seconds", ArgumentKind.NUMBER, "Time for which the lease lasts without a sign of life.",
+        VerbArgument("seconds", ArgumentKind.NUMBER, "Time for which the lease lasts without a heartbeat.",
                      "s", SHORTEST_LEASE, LONGEST_LEASE, required=False),
         VerbArgument("over", ArgumentKind.FLAG, "Whether to take the lease over from another client.", required=False),
     ),
 )  # fmt: skip
 GIVE_BACK = Verb(
-    "give back", "Give the lease back; all that is held with the lease ends.", _give_back, role=Role.TUNE, of_many=True,
-    is_of_lease=True,
+    "give back", "Give the lease back. Everything that the client holds with the lease is released.", _give_back,
+    role=Role.TUNE, of_many=True, is_of_lease=True,
 )  # fmt: skip
 STOP = Verb(
-    "stop", "End the run as after a signal: every actuator goes to its default.", _stop, role=Role.OPERATE,
+    "stop", "End the run as a signal does: every actuator goes to its default.", _stop, role=Role.OPERATE,
     needs_lease=False, is_level=True,
 )  # fmt: skip
 MODE = Verb(
-    "mode", "Change the mode: in manual mode the application waits, and clients drive the machine.", _change_mode,
+    "mode", "Change the mode. In manual mode the application waits, and clients drive the machine.", _change_mode,
     role=Role.OPERATE, of_many=True, lasts=True,
     arguments=(VerbArgument("mode", ArgumentKind.CHOICE, "The new mode.", choices=tuple(map(str, Mode))),),
 )  # fmt: skip
 TUNE = Verb("tune", "Set a tunable number.", _tune, Names.TUNABLE, (VALUE,), Role.TUNE)
 WRITE = Verb(
-    "write", "Take an actuator and write it, as long as the client holds it.", _write, Names.ACTUATOR, (VALUE,),
-    Role.OPERATE, only_manual=True, is_kept_up=True,
+    "write", "Take an actuator and write it. The value stays while the client holds the actuator.", _write,
+    Names.ACTUATOR, (VALUE,), Role.OPERATE, only_manual=True, is_kept_up=True,
 )  # fmt: skip
 LET_GO = Verb(
-    events.LET_GO, "Release a held actuator, which goes to its default, or a held action, such as a jog.", _let_go,
+    events.LET_GO, "Release a held actuator, which then goes to its default, or a held action, such as a jog.", _let_go,
     Names.HELD, role=Role.OPERATE, ends=True,
 )  # fmt: skip
 CALL = Verb(
-    "call", "Call an action; in automatic mode only one that is declared harmless.", _call, Names.ACTION,
-    (VerbArgument("arguments", ArgumentKind.OF_ACTION, "The arguments of the action, by name."),), Role.OPERATE,
-    lasts=True,
+    "call", "Call an action. In automatic mode only an action that is declared harmless can be called.", _call,
+    Names.ACTION, (VerbArgument("arguments", ArgumentKind.OF_ACTION, "The arguments of the action, by name."),),
+    Role.OPERATE, lasts=True,
 )  # fmt: skip
 CANCEL = Verb(
-    "cancel", "Cancel a running action; empty: all running actions.", _cancel, Names.ACTION, role=Role.OPERATE,
+    "cancel", "Cancel a running action; without a path: all running actions.", _cancel, Names.ACTION, role=Role.OPERATE,
     of_many=True, ends=True,
 )  # fmt: skip
 ACKNOWLEDGE = Verb(
@@ -180,8 +180,9 @@ ACKNOWLEDGE = Verb(
     _acknowledge, Names.PART, role=Role.OPERATE, of_many=True,
 )  # fmt: skip
 CLEAR = Verb(
-    "clear", "End the faults of equipment and initialise what had failed. In automatic mode an application that waits "
-    "for this goes on at once: the machine may move.", _clear, Names.EQUIPMENT, role=Role.OPERATE, of_many=True,
+    "clear", "End the faults of equipment, and initialise the parts that had failed. In automatic mode an application "
+    "that waits for this continues immediately: the machine may move.", _clear, Names.EQUIPMENT, role=Role.OPERATE,
+    of_many=True,
 )  # fmt: skip
 ACKNOWLEDGE_ALARM = _of_alarms(
     "acknowledge alarm", "Acknowledge alarms: confirm that they were seen.", Operation.ACKNOWLEDGE, Role.OPERATE
@@ -191,7 +192,7 @@ RESET_ALARM = _of_alarms(
 )
 SHELVE = _of_alarms(
     "shelve", "Hide alarms for a time.", Operation.SHELVE, Role.MAINTAIN,
-    VerbArgument("time", ArgumentKind.TIME, 'The time in s, or a text such as "10 min".', "s", 1e-3, LONGEST_SHELF),
+    VerbArgument("time", ArgumentKind.TIME, 'The time in s, or a string such as "10 min".', "s", 1e-3, LONGEST_SHELF),
 )  # fmt: skip
 UNSHELVE = _of_alarms("unshelve", "End the shelving of alarms before its time.", Operation.UNSHELVE, Role.MAINTAIN)
 REMOVE_FROM_SERVICE = _of_alarms(

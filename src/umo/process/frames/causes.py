@@ -178,7 +178,7 @@ def _name(part: str) -> str:
 
 
 def _driver_work(kind: str) -> str:
-    return "it is away, and was tried" if kind == TRY else kind
+    return "the driver is away, and umo looked for its device" if kind == TRY else kind
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:

@@ -113,7 +113,7 @@ class Sender:
                     self._put(head, text)
                     return head + 1
             if time.monotonic() > until:
-                raise CommandRefused("the queue of commands is full: the machine does not take them")
+                raise CommandRefused("the queue of commands is full: the machine does not take commands from it")
             time.sleep(SEND_PAUSE)
 
     def _put(self, head: int, text: bytes) -> None:

@@ -137,7 +137,9 @@ class FrameServer:
             hidden.rename(self.path)
         except OSError as error:
             remove(hidden)
-            raise FramesError(f"the socket for frames {self.path} cannot be made: {error.strerror or error}") from None
+            raise FramesError(
+                f"the socket for frames {self.path} cannot be created: {error.strerror or error}"
+            ) from None
 
     def leave(self) -> None:
         """Stop answering in this process, because the other process answers."""
@@ -187,12 +189,12 @@ def receive(path: Path) -> RunDescriptors:
                 _connect(here, address)
             maker, user = _maker_and_user(here)
             if user not in (ROOT, os.getuid()) and os.getuid() != ROOT:
-                raise FramesError(f"{path} is another user's (uid {user})")
+                raise FramesError(f"{path} belongs to another user (uid {user})")
             _wait_for_answer(here, path, maker)
             data, files = calls.receive_message(here, len(GREETING) + 1, len(RunDescriptors._fields))
         except TimeoutError:
             raise FramesError(
-                f"{path}: too many others wait for an answer of this run; its guardian may be stopped"
+                f"{path}: too many programs wait for an answer of this run; its guardian may have been stopped"
             ) from None
         except OSError as error:
             raise FramesError(f"there are no frames at {path}: {error.strerror or error}") from None

@@ -50,7 +50,7 @@ class RunDescriptors(NamedTuple):
         except OSError as error:
             for file in opened:
                 os.close(file)
-            raise FramesError(f"the shared memory for frames cannot be made: {error.strerror}") from None
+            raise FramesError(f"the shared memory for frames cannot be created: {error.strerror}") from None
         os.close(pipe[0])
         return cls(frames, cells, pipe[1]), readers
 
@@ -96,7 +96,7 @@ def mapped(file: int, *, write: bool = False) -> mmap.mmap:
     try:
         seals = fcntl.fcntl(file, F_GET_SEALS)
         if seals & SIZE_SEALS != SIZE_SEALS:
-            raise FramesError("this memory is not sealed: another process could cut it")
+            raise FramesError("this memory is not sealed: another process could shorten it")
         return mmap.mmap(file, os.fstat(file).st_size, access=mmap.ACCESS_WRITE if write else mmap.ACCESS_READ)
     except (OSError, ValueError) as error:  # ValueError: it is empty
         raise FramesError(f"this memory cannot be read: {error}") from None

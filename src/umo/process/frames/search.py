@@ -114,7 +114,7 @@ def is_path(name: str) -> bool:
 def several_runs(name: str, fitting: Sequence[Reader]) -> str:
     """Return the message that a name does not identify a single run, with the names that do."""
     pids = ", ".join(str(reader.about["pid"]) for reader in fitting)
-    return f"{len(fitting)} runs of {name} are going on; give the pid of one instead of the name: {pids}"
+    return f"{len(fitting)} runs of {name} are active; give the pid of one instead of the name: {pids}"
 
 
 def station_name(text: str) -> str:
@@ -151,4 +151,4 @@ def _others() -> str:
     """A hint for the message if another user has a folder of frames."""
     folders = [path for path in Path("/dev/shm").glob("umo-*") if path.is_dir()] if Path("/dev/shm").is_dir() else []
     own = f"umo-{os.getuid()}" if hasattr(os, "getuid") else ""
-    return " for this user; those of another user cannot be reached" if any(p.name != own for p in folders) else ""
+    return " for this user; stations of other users cannot be reached" if any(p.name != own for p in folders) else ""

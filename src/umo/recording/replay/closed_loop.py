@@ -92,7 +92,7 @@ class Trial:
         job = Job(self.station, wiring=self.wiring, options=options, manual=bool(fixed.get("manual")))
         plan = Plan(job)
         if plan.wired.hardware or plan.wired.timer_wire is None:
-            raise NotReplayable("the wiring of the recording has devices: --closed needs one with a plant alone")
+            raise NotReplayable("the wiring of the recording has devices: --closed needs a wiring with only a plant")
         connection: connect[Any] = connect(plan.machine, replace(plan.wired, paced=False))
         connection.kept, connection.states = fixed.get("kept", {}), fixed
         connection.seed = fixed.get("seed", 0)
@@ -126,7 +126,7 @@ def recorded_trial(tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Trial:
     job, about = tape.job, tape.layout.about
     made = job_of(job, given, runs=True)
     if made.station is None:
-        raise NotReplayable("--closed runs a station, and not a program")
+        raise NotReplayable("--closed can run a station, but not a program")
     initial = dict(about.get("initial", {}))
     commands = [(tick, found) for tick, data in _taken(tape) if (found := _content(tick, data)) is not None]
     ends = [event.time for event in events_of(tape) if event.is_end]

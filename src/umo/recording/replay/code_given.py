@@ -69,14 +69,16 @@ def _station_of(recorded: Mapping[str, Any]) -> Station:
         place = Path(str(recorded.get("script") or "FILE.py")).name
         names = [str(recorded.get(key) or "").rpartition(":")[2] for key in ("machine", "application")]
         hint = printable(":".join([place, *filter(None, names)]))
-        raise NotReplayable(f"the recording is of a program, and code is taken from the command line only: add {hint}")
+        raise NotReplayable(
+            f"the run of the recording was a program, and umo runs only code that the command line names: add {hint}"
+        )
     folder = packaged(name) if isinstance(name, str) else None
     if folder is None:
         place = printable(in_a_line(str(recorded.get("place") or "")))[:200]
         where = f" (it was in {place})" if place else ""
         raise NotReplayable(
-            f"the recording is of a station {printable(in_a_line(str(name)))[:100]!r} that neither ships with umo nor "
-            f"is installed{where}: code is taken from the command line only, so add the station's folder"
+            f"the station of the recording, {printable(in_a_line(str(name)))[:100]!r}, neither ships with umo nor is "
+            f"installed{where}. umo runs only code that the command line names: add the folder of the station"
         )
     return Station(str(name), folder)
 
@@ -106,8 +108,8 @@ def _check_files(job: Job, station: Station | None) -> None:
     found |= parameters_of(make, 0) | (parameters_of(main, 1) if main else {})
     for name in files_among(found, job.options):
         raise NotReplayable(
-            f"the recorded run had a file as its option {flag(name)}, and a recording opens none: replay it by a "
-            "program (umo.recording.replay)"
+            f"the recorded run had a file as its option {flag(name)}, and a recording opens no files: replay it in a "
+            f"program (umo.recording.replay)"
         )
 
 
@@ -121,5 +123,9 @@ def other_code(recorded: Mapping[str, Any], place: Path) -> str:
     """Return a remark if the files of the code differ from those of the recorded run, or "" if they do not."""
     others = other_files(recorded, place)
     if others is None:
-        return "whether the code is that of the recorded run is not known: it has no hashes of its files"
-    return f"the code is another than that of the recorded run ({printable(in_a_line(some(others)))})" if others else ""
+        return (
+            "it is not known whether the code is the code of the recorded run: the recording has no hashes of its files"
+        )
+    return (
+        (f"the code differs from the code of the recorded run ({printable(in_a_line(some(others)))})") if others else ""
+    )

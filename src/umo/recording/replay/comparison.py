@@ -39,7 +39,7 @@ WORDS = {
     Kind.ARRIVED: "arrived",
     Kind.CONFIRMED: "confirmed",
     Kind.AGAIN: "transferred once more",
-    Kind.RENEWED: "initialised again by its worker",
+    Kind.RENEWED: "initialised again by the worker process",
 }
 
 

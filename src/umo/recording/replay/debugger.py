@@ -102,7 +102,7 @@ class DebuggedReplay:
         self._sampled()  # where the program did not sample the whole machine
         period, difference = self.replay.player.shown, self.replay.result.difference
         if self._prompt.seeking:  # there was no line of the user's code
-            self._stand("no code of yours ran in this period: this is its end")
+            self._stand("none of your code ran in this period: this is the end of the period")
         if difference is not None and self._found is None:
             self._found = FirstDifference(period, str(difference))
             if self.has_stopped or self._stop.difference:

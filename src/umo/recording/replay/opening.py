@@ -54,5 +54,5 @@ def other_hash_seed(about: Mapping[str, object]) -> str | None:
         return None
     is_number = seed.isascii() and seed.isdigit() and len(seed) <= len(str(MAX_HASH_SEED))
     if not is_number or int(seed) > MAX_HASH_SEED:
-        raise NotReplayable(f"the order of hashes of the recording, {printable(in_a_line(seed))[:50]!r}, is not valid")
+        raise NotReplayable(f"the hash seed of the recording, {printable(in_a_line(seed))[:50]!r}, is not valid")
     return seed

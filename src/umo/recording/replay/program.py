@@ -46,7 +46,7 @@ class Program:
             raise
         except UmoError as error:
             why = str(error.mistakes[0]) if isinstance(error, WiringError) and error.mistakes else text_of(error)
-            raise NotReplayable(f"the machine of the recording cannot be made: {why}") from error
+            raise NotReplayable(f"the machine of the recording cannot be created: {why}") from error
         loop = partial(drive, application=plan.application)
         return cls(plan.machine, plan.wired, loop, plan.name, job.manual, other_code(tape.job, plan.place))
 

@@ -36,7 +36,7 @@ MAX_COMPARED = 100
 """Number of compared characters of an error's text."""
 SHORT = 20
 """Number of compared characters if numbers in the text may differ."""
-RANDOM_HASHES = "the order of hashes was not fixed in the recorded run (PYTHONHASHSEED): sets of texts may differ"
+RANDOM_HASHES = "the recorded run had no fixed hash seed (PYTHONHASHSEED): the order of sets of strings may differ"
 
 
 class Replay:
@@ -79,7 +79,7 @@ class Replay:
         program = self.program
         recorded = {str(each["path"]): slot for slot, each in enumerate(self.layout.objects)}
         today = {wire.path for wire in program.wired.wires}
-        for missing, where in (recorded.keys() - today, "machine of today"), (today - recorded.keys(), "recording"):
+        for missing, where in (recorded.keys() - today, "present machine"), (today - recorded.keys(), "recording"):
             if missing:
                 raise NotReplayable(f"the {where} has no object {min(missing)}: inputs and outputs must be the same")
         faults = self.layout.about.get("injected_faults", [])

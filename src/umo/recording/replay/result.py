@@ -84,11 +84,11 @@ class Replayed:
         count = f"{periods} ({duration(round(self.simulated, 6))}), {count_of(self.raws, 'commanded raw integer')}"
         if self.open_loop:
             count = f"{periods} in open loop, of which only the error is compared"
-        as_far = "identical as far as it goes" if self.inexact else "identical"
+        as_far = "identical as far as the recording goes" if self.inexact else "identical"
         lines = [f"{as_far}: {count}" if self.difference is None else f"different: {count}\n{self.difference}"]
         if self.settings:
             changed = ", ".join(f"{path} = {value}" for path, value in self.settings.items())
-            lines.append(f"with {changed}: open loop, as the recorded sensors do not react to the new commands")
+            lines.append(f"with {changed}: open loop, because the recorded sensors do not react to the new commands")
         lines += [f"the replay ended here: {self.inexact}"] if self.inexact else []
         lines += [f"the recorded run ended by: {self.ended}"] if self.ended else []
         lines += [self.code] if self.code else []

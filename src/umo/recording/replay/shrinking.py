@@ -190,7 +190,7 @@ class Shrinking:
             self.source.compared = False
             self.ending = ReplayedError.of(result.error)
         else:
-            as_far = f"as far as it goes ({lost}), " if (lost := self.source.damaged_end) else ""
+            as_far = f"as far as the recording goes ({lost}), " if (lost := self.source.damaged_end) else ""
             raise NotReplayable(
                 f"the replay of this recording is identical {as_far}and ends without an error: nothing to shrink to"
             )

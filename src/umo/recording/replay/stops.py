@@ -120,7 +120,7 @@ class BreakCondition:
 def _refused(node: ast.AST) -> str:
     """Return why a part of an expression is not evaluated; "" if it is."""
     if isinstance(node, ast.Lambda | ast.Await | ast.Yield | ast.YieldFrom | ast.NamedExpr):
-        return "only expressions that read are evaluated"
+        return "only expressions that read values can be evaluated"
     if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
         return f"{node.attr} is internal"
     if isinstance(node, ast.Call):
@@ -148,7 +148,7 @@ def _mistake(error: Exception) -> str:
     said = str(error)
     of_object = "compares an object" in said or any(f"'{name}'" in said for name in _names(Atomic))
     if isinstance(error, TypeError) and of_object:
-        return f"{text_of(error)}; the value of an object is given by `read()`"
+        return f"{text_of(error)}; write `read()` for the value of an object"
     if not isinstance(error, AttributeError) or name is None:
         return text_of(error)
     known = [each for each in dir(owner) if not each.startswith("_")]

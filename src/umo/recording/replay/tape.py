@@ -191,7 +191,7 @@ class Periods:
             self.commands |= {each.number: each.data for each in block.commands}
             for period, lost in self._periods(block):
                 if lost:
-                    self.ended = f"{lost} entries of the journal of the period at {period.time:g} s found no room in it"
+                    self.ended = f"{lost} entries of the journal of the period at {period.time:g} s did not fit into it"
                     return
                 last = period.time
                 yield period

@@ -37,12 +37,12 @@ class Scope:
 
     def __init__(self, reader: RunReader, paths: Sequence[str], seconds: float) -> None:
         if not (isfinite(seconds) and 0 < seconds <= MAX_SPAN):
-            raise RangeError(f"seconds: {seconds!r} is not above 0 and up to {MAX_SPAN:g}")
+            raise RangeError(f"seconds: {seconds!r} must be above 0 and at most {MAX_SPAN:g}")
         entries = reader.layout.described.traced
         self._places = chosen([entry.path for entry in entries], paths, str(reader.about["station"]))
         if len(self._places) > MAX_TRACES:
             raise PathError(
-                f"{len(self._places)} objects and signals; a scope shows up to {MAX_TRACES}: name fewer paths"
+                f"{len(self._places)} objects and signals; a scope shows at most {MAX_TRACES}: name fewer paths"
             )
         self._reader = reader
         self._seconds = seconds

@@ -42,7 +42,7 @@ def load(
             for i, (name, about) in enumerate(zip(values.names, values.entries, strict=True))
         }
         variables |= {name: ("time", columns.quality[:, i], QUALITY) for i, name in enumerate(values.quality_names)}
-        variables["missed"] = ("time", columns.missed, {"long_name": "periods that were missed before this one"})
+        variables["missed"] = ("time", columns.missed, {"long_name": "number of periods missed before this period"})
         coordinates = {
             "time": ("time", columns.time, {"units": "s", "long_name": "time on the machine's clock"}),
             "utc": ("time", columns.utc.astype("datetime64[ns]"), {"long_name": "UTC"}),

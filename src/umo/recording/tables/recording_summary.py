@@ -97,9 +97,9 @@ def _shrunk(periods: object) -> str:
     """The text with the number of periods that the recording had, or empty if it was not shrunk."""
     if periods is None:
         return ""
-    whole = count_of(periods, "period") if isinstance(periods, int) else "a longer one"
-    of_run = "times and lost periods are not those of the run"
-    return f"by umo recording shrink from {whole}, for replay in open loop: {of_run}"
+    whole = count_of(periods, "period") if isinstance(periods, int) else "a longer recording"
+    of_run = "times and lost periods differ from those of the run"
+    return f"by umo recording shrink from {whole}, for a replay in open loop; {of_run}"
 
 
 def _few(damage: list[str]) -> list[str]:

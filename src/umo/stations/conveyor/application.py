@@ -27,8 +27,8 @@ async def main(
     Options:
         parts: number of parts.
         speed: speed of the belt, m/s.
-        nominal: nominal length, mm.
-        tolerance: the largest deviation of an accepted part from the nominal length, mm.
+        nominal: nominal length of a part, mm.
+        tolerance: largest deviation of an accepted part from this length, mm.
         patience: time in s within which an operator must continue after a fault, a stop, or a lack of parts.
 
     Raises RangeError if the drive does not have this speed, or if the belt moves by more than half of the tolerance in

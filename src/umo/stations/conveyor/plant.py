@@ -53,12 +53,12 @@ class Plant(Driver, Reports):
     measurement could be wrong.
 
     Options:
-        seed: determines the lengths of the parts and the gaps between them.
+        seed: seed of the random part lengths and gaps.
         parts: number of parts.
-        nominal: nominal length, mm.
-        tolerance: tolerance of the length, mm.
+        nominal: nominal length of a part, mm.
+        tolerance: tolerance of this length, mm.
         faults: kinds of failures.
-        fault_at: beginning of the failures, s.
+        fault_at: time at which the failures begin, s.
     """
 
     simulates_time = True

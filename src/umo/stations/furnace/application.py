@@ -10,7 +10,7 @@ async def main(m: Furnace, peak: float = 850.0, soak: float = 120.0, ramp: float
 
     Options:
         peak: highest temperature of the profile, degC.
-        soak: the time for which the profile is kept, s.
+        soak: time for which this temperature is kept, s.
         ramp: rate of heating, K/s.
     """
     await m.heat_up(peak, ramp)

@@ -52,7 +52,7 @@ class Plant(Driver[FurnaceChannel], Reports):
     """The furnace, simulated. When the furnace is opened again, it is as hot as before.
 
     Options:
-        seed: decides the spread of the zones.
+        seed: seed of the random spread of the zones.
         faults: the failures, as KIND:ZONE or KIND:ZONE@SECONDS, such as stuck-heater:3@90.
     """
 

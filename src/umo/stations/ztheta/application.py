@@ -9,8 +9,8 @@ async def main(m: Manipulator, parts: int = 3, start: float = -45.0, turn: float
 
     Options:
         parts: number of parts.
-        start: the angle at which the parts are picked, deg.
-        turn: the angle by which the parts are turned, deg.
+        start: angle at which the parts are picked, deg.
+        turn: angle by which the parts are turned, deg.
     """
     m.cycle.progress("homing", done=0, total=parts)
     await m.home()

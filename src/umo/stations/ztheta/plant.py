@@ -80,10 +80,10 @@ class Plant(Driver[PlantChannel], Reports):
     its circuits switched on again (counts at 0). After `close` the plant can still be advanced.
 
     Options:
-        seed: determines the initial positions.
-        parts: the number of parts on the courier, 1 to 6.
-        preset: the raw integer that the z counter loads at its index; 58117 is 121,999.4 um.
-        faults: the faults of the plant, such as leaky-cup (`Breakage`).
+        seed: seed of the random start positions.
+        parts: number of parts on the courier, 1 to 6.
+        preset: raw value that the z counter loads at its index; 58117 is 121,999.4 um.
+        faults: failures of the plant, such as leaky-cup (`Breakage`).
     """
 
     simulates_time = True

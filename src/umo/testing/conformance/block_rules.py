@@ -85,7 +85,7 @@ def block_read(context: RuleContext) -> str | None:
             context.await_levels(probe)
             _read_in_turns(context, probe)
     moving = [each.channel for each in context.subject.inputs if not each.steady]
-    return f"{some(moving)}: only as far as they stand still" if moving else None
+    return f"{some(moving)}: compared only while they do not change" if moving else None
 
 
 def _read_in_turns(context: RuleContext, probe: Probe) -> None:
@@ -109,7 +109,7 @@ def _compare_turns(context: RuleContext, probe: Probe) -> None:
             found[block[0]] = probe.read(block[0])
         for text, raw in found.items():
             if not context.alike(text, raw, expected[text]):
-                why = f"{context.watch.doing} gave {raw} for {text}, other calls before it {expected[text]}"
+                why = f"{context.watch.doing} gave {raw} for {text}, but earlier calls gave {expected[text]}"
                 raise RuleBroken(why, f"reading of {text}")
 
 
@@ -218,7 +218,9 @@ def block_buffers(context: RuleContext) -> str | None:
             _raws(context, probe)
         if context.readable:
             _outs(probe, context.readable)
-    return context.remark(*([] if context.readable else ["no inputs, so only the arrays of writes"]))
+    return context.remark(
+        *([] if context.readable else ["there are no inputs, so only the arrays of writes were tried"])
+    )
 
 
 def _raws(context: RuleContext, probe: Probe) -> None:
@@ -266,13 +268,13 @@ def block_failures(context: RuleContext) -> str | None:
             refused = [text for text in context.subject.refused if direction in probe.channel(text).direction]
             what = "reads" if direction is Direction.INPUT else "writes"
             if not others:
-                missing.append(f"{what}: no other channel that can be seen")
+                missing.append(f"{what}: there is no other channel whose level can be seen")
             elif not refused:
                 missing.append(f"{what}: no channel of this direction is known that the device refuses")
             for bad in refused[:MAX_REFUSED] if others else ():
                 alone = partial(probe.read, bad) if what == "reads" else partial(probe.write, bad, 0)
                 if context.failure(alone) is None:
-                    missing.append(f"{what}: one of {bad} alone succeeds")
+                    missing.append(f"{what}: a call for {bad} alone succeeds")
                     continue
                 check(context, probe, bad)
                 tried = True

@@ -85,8 +85,8 @@ class TimePlan:
             text += f". Of {len(self.least)} rules {len(self.left_out)} will not fit ({enough} would be enough): "
             text += ", ".join(self.left_out)
         elif self.full > self.budget:
-            text += f"; everything would take {lasting(self.full)}"
-        return f"{text}. If time runs short, these are left out first: transfers of the long run, levels and openings"
+            text += f"; all rules would take {lasting(self.full)}"
+        return f"{text}. If time runs short, the kit first leaves out transfers of the long run, levels and openings"
 
 
 class Budget:

@@ -51,7 +51,7 @@ def _check_places(context: RuleContext, probe: Probe) -> None:
     """umo refuses two objects on one place."""
     for one, other in combinations(context.channels, 2):
         if both := {*probe.channel(one).places} & {*probe.channel(other).places}:
-            raise RuleBroken(f"{one} and {other} have the same place {both.pop()!r}: umo takes one of them only")
+            raise RuleBroken(f"{one} and {other} have the same place {both.pop()!r}: umo would accept only one of them")
 
 
 def _check_open(context: RuleContext, closed: Probe, opened: Probe) -> None:
@@ -61,7 +61,7 @@ def _check_open(context: RuleContext, closed: Probe, opened: Probe) -> None:
         now = opened.call(f"channel({text!r})", opened.driver.channel, text)
         if (now, now.bits, now.signed, now.direction) != (before, before.bits, before.signed, before.direction):
             context.failure(opened.close)
-            raise RuleBroken(f"channel({text!r}) is {before} before open and {now} after it")
+            raise RuleBroken(f"channel({text!r}) is {before} before open, and {now} after open")
 
 
 def _check_spelling(context: RuleContext, probe: Probe) -> None:
@@ -71,7 +71,7 @@ def _check_spelling(context: RuleContext, probe: Probe) -> None:
         if longer != text and longer not in context.channels and _takes(probe.driver, longer):
             other = probe.driver.channel(longer)
             if not {*other.places} & {*probe.channel(text).places}:
-                why = f"{longer!r} is taken too, and has another place than {text}: umo would take both"
+                why = f"{longer!r} is accepted too, and has another place than {text}: umo would accept both"
                 raise RuleBroken(why)
 
 
@@ -105,28 +105,28 @@ def before_open(context: RuleContext) -> str | None:
         probe.channel(text)
     devices = _devices(probe)
     if isinstance(probe.driver.forms, str):
-        raise RuleBroken(f"forms is the text {probe.driver.forms!r}, not a list of texts")
+        raise RuleBroken(f"forms is the string {probe.driver.forms!r}, not a list of strings")
     if isinstance(driver := probe.driver, HasWatchdog) and (seconds := context.subject.watchdog):
         context.failure(probe.call, "check_watchdog", driver.check_watchdog, seconds)
-    for each, which in ((other, "of another driver"), (probe, "when asked again")):
+    for each, which in ((other, "another driver returned"), (probe, "the same driver later returned")):
         if (now := _devices(each)) != devices:
-            raise RuleBroken(f"devices() returned {devices}, and {which} {now}")
+            raise RuleBroken(f"devices() returned {devices}, but {which} {now}")
     if not all(isinstance(each, str) for each in devices):
-        raise RuleBroken(f"devices() returned {devices}, not texts")
+        raise RuleBroken(f"devices() returned {devices}, not strings")
     if _connections(context) != before:
         raise RuleBroken("the driver connected to the device before open")
     with context.leaving(other):
         if context.failure(other.open) is None and (now := _devices(other)) != devices:
-            raise RuleBroken(f"devices() returned {devices} before open and {now} after it")
+            raise RuleBroken(f"devices() returned {devices} before open, and {now} after open")
     line = context.subject.line
-    return None if line is not None and line.ordered else "whether the driver connects before open was not seen"
+    return None if line is not None and line.ordered else "it could not be seen whether the driver connects before open"
 
 
 def _devices(probe: Probe) -> list[str]:
     given = probe.call("devices", probe.driver.devices)
     if isinstance(given, str):
         raise RuleBroken(
-            f"devices() returned the text {given!r}, not a list of texts: each character counts as a device"
+            f"devices() returned the string {given!r}, not a list of strings: each character would count as a device"
         )
     return list(given)
 

@@ -30,7 +30,7 @@ CHECKSUM_SIZES = (1, 2, 4)
 MANY_LATE = 2
 """Number of consecutive late answers. After so many, a short request number repeats."""
 UNSTEADY = (
-    "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
+    "it could not be seen whether answers to reads carry a number, because no input is known to stay the same "
     "(`steady` of an Input, --steady)"
 )
 
@@ -79,7 +79,7 @@ def _comes_late(
         raise RuleBroken(f"{first} succeeded before its answer came", MADE_UP)
     error, lost = context.unanswered(later)
     if error is None and lost and context.made_up(probe):
-        raise RuleBroken(f"{context.watch.doing} took the late answer to the {first}")
+        raise RuleBroken(f"{context.watch.doing} used the late answer to the {first}")
     return True
 
 
@@ -105,7 +105,7 @@ def _late_level(context: RuleContext, probe: Probe, behind: bool) -> bool:
     if not there and not context.fallen(view, found):
         rewrite(context, probe, output, new, "late answers")
         context.confirm(probe, output, new)
-        raise RuleBroken(f"{view} read {found} after a timeout of it; {output.channel} is at {new}")
+        raise RuleBroken(f"{view} read {found} after a timeout of this read, but {output.channel} is at {new}")
     return line.spoiled > before
 
 
@@ -167,13 +167,13 @@ def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | s
     probe.timeout = context.haste
     exchanges = list(line.exchanges)[-3:]
     if len(exchanges) < 3:
-        return f"{doing} has no answer of its own on the line"
+        return f"{doing} has no separate answer on the line"
     requests, answers = zip(*exchanges, strict=True)
     for what, each in (("requests of", requests), ("answers to", answers)):
         if len(set(each)) < 3:
-            return f"{what} {doing} carry no number: an earlier one is the same"
+            return f"{what} {doing} carry no number: two of them are the same"
         if len(set(map(len, each))) > 1:
-            return f"{what} {doing} are not of one length"
+            return f"{what} {doing} have different lengths"
     return bytes(answers[-1])
 
 
@@ -257,7 +257,7 @@ def _garbled_refusal(context: RuleContext, probe: Probe, block: tuple[str, str],
         raise RuleBroken(f"{context.watch.doing} succeeded with {way.words}; the device refuses {bad}")
     raw = out.tolist()[1]
     if text not in found.causes and raw != UNREAD and not context.alike(text, known, raw):
-        raise RuleBroken(f"{text} read {raw} from {way.words}, which says that {bad} failed; it is at {known}")
+        raise RuleBroken(f"{text} read {raw} from {way.words}, which says that {bad} failed; {text} is at {known}")
 
 
 def _unchecked(size: int) -> Change:

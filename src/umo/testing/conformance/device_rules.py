@@ -35,7 +35,7 @@ OWN_PERIOD = 0.1
 """Period in s of a driver that umo calls only outside the cycle."""
 MAX_LEVEL = 1 << 40
 """Largest raw level of an object, positive and negative."""
-SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
+SOLE_WRITER = "(if the driver must be the only client: `sole_writer` of the subject, --sole-writer)"
 
 
 @rule(Cost(each=4, calls=8, connects=7, waits=7))
@@ -117,7 +117,9 @@ def vanish(context: RuleContext) -> str | None:
                     f"the device was away and is back, but {context.watch.doing} fails: {text_of(error)}"
                 ) from error
     unseen = context.subject.outputs and (context.subject.levels is None or not context.readable)
-    return context.looked(*(["whether a failed write is repeated was not seen: there is no record"] if unseen else []))
+    return context.looked(
+        *(["it could not be seen whether a failed write is repeated: there is no record of levels"] if unseen else [])
+    )
 
 
 def _reads(context: RuleContext, probe: Probe, before: Mapping[str, int]) -> None:
@@ -129,17 +131,17 @@ def _reads(context: RuleContext, probe: Probe, before: Mapping[str, int]) -> Non
     try:
         first = {text: probe.read(text) for text in before or context.readable[:1]}
     except OSError as error:
-        raise RuleBroken(f"since the device is back, {context.watch.doing} fails: {text_of(error)}") from error
+        raise RuleBroken(f"after the device came back, {context.watch.doing} fails: {text_of(error)}") from error
     for output, raw in levels.items():
         now = context.level(probe, output)
         if context.same(output, output.other(), now) and not context.same(output, output.other(), raw):
-            raise RuleBroken(f"{output.channel} went from {raw} to {now} by a write that had failed")
+            raise RuleBroken(f"{output.channel} went from {raw} to {now} because a failed write was repeated later")
     if context.subject.line is None:
         return  # it was the device that went, not its line: what it has lost may come back by itself
     for text, raw in before.items():
         then = probe.read(text)
         if context.alike(text, raw, then) and not context.alike(text, raw, first[text]) and not context.told(probe):
-            why = f"the first reading of {text} since the device is back was {first[text]}, the next one {then}"
+            why = f"the first reading of {text} after the device came back was {first[text]}, the next reading {then}"
             raise RuleBroken(why, f"reading of {text}")
 
 
@@ -195,7 +197,7 @@ def _opens_after_all(context: RuleContext, probe: Probe) -> None:
     try:
         if (error := context.failure(probe.open)) is not None:
             raise RuleBroken(
-                f"open failed while the device was away, and fails since it is back: {text_of(error)}"
+                f"open failed while the device was away, and still fails after the device came back: {text_of(error)}"
             ) from error
     finally:
         context.failure(probe.close)
@@ -234,11 +236,11 @@ def two_clients(context: RuleContext) -> str | None:
         _right(context, first, "a second client came and left")
     if refusal is not None:
         context.looked()
-        return f"the second is refused: {text_of(refusal)}"
+        return f"the second client is refused: {text_of(refusal)}"
     if context.subject.sole_writer:
         return context.looked("a second client must not write")
     alone = len(context.visible) == 1
-    return context.looked(*(["there is only one output, so no other one was written"] if alone else []))
+    return context.looked(*(["there is only one output, so no other output was written"] if alone else []))
 
 
 def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
@@ -294,7 +296,7 @@ def _read_back(context: RuleContext, first: Probe, second: Probe) -> None:
             continue
         there, found = context.comes_to(lambda: first.read(text), lambda level: level != read[1])  # noqa: B023
         if not there:
-            why = f"{text} reads {found}, as the driver has written, but another client has written {raw} since"
+            why = f"{text} reads {found}, which the driver has written, but another client has written {raw} since then"
             raise RuleBroken(f"{why} {SOLE_WRITER}")
 
 
@@ -346,7 +348,7 @@ def _is_fresh(context: RuleContext, probe: Probe, second: Probe | None, output: 
             old += _is_old(context, probe, other, output, reading, number)
             number += 1
         if old == MAX_OLD:
-            text = f"{context.watch.doing} gave an earlier reading of {view}, {old} times of {number}"
+            text = f"{context.watch.doing} gave an earlier reading of {view} in {old} of {number} calls"
             raise RuleBroken(text, f"earlier reading of {view}")
     ends = output.least, output.greatest
     for levels, still, pause, when in (
@@ -409,7 +411,9 @@ def errors_are_named(context: RuleContext) -> None:
                     _check_names(error, texts)
         connection.driver("subject").timeout = context.patience
     if not failed and context.new().driver.only_off_cycle:
-        raise NotTried("umo takes this driver off the cycle only, where a value becomes stale in place of a failure")
+        raise NotTried(
+            "umo uses this driver only off the cycle, where a failed value becomes stale and no error is raised"
+        )
     if not failed:
         raise NotTried("no transfer of a connected machine has failed without an answer")
 

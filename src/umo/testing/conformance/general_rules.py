@@ -58,7 +58,9 @@ def end(context: RuleContext) -> str | None:
             context.bring_to_default(probe, output)
             context.expect(probe, output, output.default, f"reset({output.default}) at the end")
     if context.subject.line is None or context.subject.levels is None:
-        return context.looked("whether closing moves one was not seen: it needs a line and a record")
+        return context.looked(
+            "it could not be seen whether closing moves an output: this needs a line and a record of levels"
+        )
     _check_closed(context, probe, context.subject.line)
     return context.looked()
 

@@ -81,11 +81,15 @@ def descriptors(context: RuleContext) -> str:
     context.left_out += [f"{openings} of {most} openings"] if openings < most else []
     for what, number in before.items():
         if after[what] > number:
-            raise RuleBroken(f"{after[what] - number} {what} more than before are there after {openings} openings")
+            raise RuleBroken(f"after {openings} openings there are {after[what] - number} more {what} than before")
     _check_while_open(context)
     _check_inherited(context)
     words = [f"{openings} openings"]
-    words += [] if context.subject.line is not None else ["no line, so no lost connections and spoiled answers"]
+    words += (
+        []
+        if context.subject.line is not None
+        else ["there is no line, so no connections were lost and no answers were spoiled"]
+    )
     return "; ".join(words)
 
 
@@ -103,8 +107,8 @@ def _check_while_open(context: RuleContext) -> None:
         after = _counts(context, before, known)
         for what, count in before.items():
             if (more := after[what] - count) >= LOSSES:
-                lost = f"{LOSSES} lost connections, as many garbled answers, lost ones and looks"
-                raise RuleBroken(f"{more} more {what} are there after {lost}, while the driver is open")
+                lost = f"{LOSSES} lost connections, {LOSSES} garbled and {LOSSES} lost answers, and {LOSSES} looks"
+                raise RuleBroken(f"after {lost} there are {more} more {what}, while the driver is open")
 
 
 def _lose(context: RuleContext, probe: Probe, line: Tap) -> None:
@@ -299,14 +303,14 @@ def memory(context: RuleContext) -> str:
             ("cycles", run.longer_cycle, PER_LONGER_CYCLE), ("failed calls", run.fail, LeakLimit()),
         ):  # fmt: skip
             if what == "failed calls" and not run.failing:
-                words.append("no call can be made to fail at once")
+                words.append("no call can be made to fail immediately")
                 continue
             words.append(_grows(context, repeat, what, each))
     if context.subject.line is not None:
         words.append(_over_lost_connections(context, context.subject.line))
         words.append(_without_a_device(context, context.subject.line))
     else:
-        words.append("no line, so no lost connections")
+        words.append("there is no line, so no connections were lost")
     return ", ".join(words)
 
 
@@ -329,7 +333,7 @@ def _without_a_device(context: RuleContext, line: Tap) -> str:
         probe.timeout = context.haste
         calls = [call for call in context.transfers(probe) if fails_at_once(context, call)]
         if not calls:
-            return "calls without the device do not fail at once"
+            return "calls without the device do not fail immediately"
         turns = cycle(calls)
         words = _grows(context, lambda: context.failure(next(turns)), "calls without the device")
         if not isinstance(probe.driver, Looks):
@@ -364,12 +368,16 @@ def _grows(context: RuleContext, repeat: Callable[[], object], what: str, each: 
             growths.append(tracemalloc.get_traced_memory()[0] - before)
             pieces.append(sys.getallocatedblocks() - there)
     if circular >= each.circular * count:
-        left = f"{number_text(circular / count)} objects are left in a circle of references by each of {count} {what}"
+        left = f"{number_text(circular / count)} objects are left in a reference cycle by each of {count} {what}"
         raise RuleBroken(f"{left}: only the garbage collector frees them, and it is off in the control process")
     if (growth := min(growths)) > allowed:
-        raise RuleBroken(f"the memory grew by {growth} bytes in each {count} {what}, {growth / count:.0f} each time")
+        raise RuleBroken(
+            f"the memory grew by {growth} bytes in each round of {count} {what}, {growth / count:.0f} bytes each time"
+        )
     if (more := min(pieces)) > allowed_pieces:
-        raise RuleBroken(f"the memory grew by {more} objects in each {count} {what}, and {growth} bytes at least")
+        raise RuleBroken(
+            f"the memory grew by {more} objects and at least {growth} bytes in each round of {count} {what}"
+        )
     return f"{len(growths)} rounds of {count} {what}"
 
 

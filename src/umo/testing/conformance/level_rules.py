@@ -41,14 +41,14 @@ def levels_kept(context: RuleContext) -> str | None:
     with context.opened() as probe, context.second(direct=True) as other:
         witness = Witness(context, probe, other)
         if not witness.watched:
-            raise NotTried("nobody else sees a level: it needs a record of levels, a loop-back and a second client, or "
-                           "requests of writes that the tap recognises")  # fmt: skip
+            raise NotTried("no level can be seen independently: this needs a record of levels, or a loop-back and a "
+            "second client, or write requests that the tap recognises")  # fmt: skip
         for what, happening in happenings.items():
             for left in reversed(range(TRIES)):
                 if not (moved := _moved(context, witness, happening, left)):
                     break
             else:
-                raise RuleBroken(f"{moved}, after {what}: nobody has written it")
+                raise RuleBroken(f"{moved}, after {what}, although no client has written it")
     return witness.remark
 
 
@@ -163,7 +163,7 @@ class Witness:
     def remark(self) -> str | None:
         """A remark on the outputs that nothing observes independently of the driver."""
         unseen = [each.channel for each in self.context.subject.outputs if each.channel not in self.watched]
-        return f"nobody watched {some(unseen)}" if unseen else None
+        return f"the levels of {some(unseen)} were not watched" if unseen else None
 
     @contextmanager
     def looking(self) -> Iterator[None]:
@@ -175,11 +175,11 @@ class Witness:
         doing = context.watch.doing
         for output, writes in self._writes.items():
             if (raw := writes.found_in(traffic.requests)) is not None and not self._may_go_to(output, raw):
-                self._note(f"{doing} sent the request of a write of {raw} to {output.channel}")
+                self._note(f"{doing} sent a request to write {raw} to {output.channel}")
         for output, levels in self._levels().items():
             for now in levels:
                 if not context.alike(output.channel, before[output][-1], now) and not self._may_go_to(output, now):
-                    self._note(f"{output.channel} went from {before[output][-1]} to {now} in a {doing}")
+                    self._note(f"{output.channel} went from {before[output][-1]} to {now} during a {doing}")
 
     def _may_go_to(self, output: Output, raw: int) -> bool:
         return self.lost and self.context.same(output, output.default, raw)

@@ -40,7 +40,9 @@ def initialise(context: RuleContext) -> str | None:
     if context.subject.line is not None:
         _again_after_a_failure(context)
     unseen = context.subject.levels is None and len(context.visible) > 1
-    return context.remark(*(["whether the others stay was not seen: no record"] if unseen else []))
+    return context.remark(
+        *(["it could not be seen whether the other outputs stay: there is no record of levels"] if unseen else [])
+    )
 
 
 def _in_any_order(context: RuleContext) -> None:
@@ -57,7 +59,7 @@ def _in_any_order(context: RuleContext) -> None:
     for text, raw in found[0].items():
         if not context.alike(text, raw, now := found[1][text]):
             why = f"{text} reads {now} if channels are initialised in the order {some(context.channels[::-1])}"
-            raise RuleBroken(f"{why}, and {raw} in the opposite one")
+            raise RuleBroken(f"{why}, and {raw} in the opposite order")
 
 
 def _again_after_a_failure(context: RuleContext) -> None:
@@ -126,7 +128,9 @@ def reset(context: RuleContext) -> str | None:
                 context.expect(probe, output, default, f"reset({default})")
         _check_others(context, probe)
     unseen = context.subject.inputs and not context.steady
-    return context.remark(*(["no input is known to be steady, so none was seen to stay"] if unseen else []))
+    return context.remark(
+        *(["no input is known to be steady, so it could not be seen whether inputs stay"] if unseen else [])
+    )
 
 
 def _check_others(context: RuleContext, probe: Probe) -> None:
@@ -150,7 +154,7 @@ def _check_inputs(context: RuleContext, probe: Probe) -> None:
         before = probe.read(text)
         probe.reset(text, None)
         if (after := probe.read(text)) != before:
-            raise RuleBroken(f"{text} read {before} before its reset and {after} after it")
+            raise RuleBroken(f"{text} read {before} before its reset, and {after} after its reset")
     for text in (each.channel for each in context.subject.inputs if context.default(each.channel) is None):
         probe.reset(text, None)
         for output in context.visible:
@@ -175,8 +179,11 @@ def glitch(context: RuleContext) -> str | None:
     watched |= {each.channel for each in context.visible} - set(unseen)
     unwatched = [each.channel for each in context.subject.outputs if each.channel not in watched]
     if not watched:
-        raise NotTried(f"nobody watched {some(unwatched)}: it needs a record of levels, or a loop-back and two clients")
-    words = [f"nobody watched {some(unwatched)}"] if unwatched else []
+        raise NotTried(
+            f"the levels of {some(unwatched)} were not watched: this needs a record of levels, or a "
+            f"loop-back and two clients"
+        )
+    words = [f"the levels of {some(unwatched)} were not watched"] if unwatched else []
     words += [f"short pulses of {some(unseen)} cannot be seen"] if unseen else []
     return "; ".join(words) or None
 
@@ -201,7 +208,7 @@ def _direct(
         if level != levels[0] and not any(context.same(output, raw, level) for raw in (left, output.default)):
             if _is_gradual(context, probe, output, levels, left):
                 view = context.view(output)
-                context.excuses.append(f"{view} comes to a level through those in between, also with a plain write")
+                context.excuses.append(f"{view} reaches a level through the levels in between, also with a plain write")
                 return set()
             text = f"{output.channel} was at {', '.join(map(str, levels))} while it was {doing} at {output.default}"
             raise RuleBroken(text, f"level of {output.channel}")
@@ -229,7 +236,7 @@ def finalise(context: RuleContext) -> str | None:
     """Channels can be finalised in any order. The other channels continue to work, keep their levels and return the
     same readings."""
     if len(context.channels) < 2:
-        raise NotTried("the subject has one channel only")
+        raise NotTried("the subject has only one channel")
     for order in (context.channels, context.channels[::-1]):
         with context.opened() as probe:
             for output in context.subject.outputs:
@@ -250,7 +257,7 @@ def _check_left(context: RuleContext, probe: Probe, gone: str, before: Mapping[s
     """The outputs that were not finalised are where they were, and inputs read what they read before."""
     for text in before.keys() & set(probe.opened):
         if (now := probe.read(text)) != before[text]:
-            raise RuleBroken(f"{text} read {before[text]}, and {now} once {gone} was finalised", f"reading of {text}")
+            raise RuleBroken(f"{text} read {before[text]}, and {now} after {gone} was finalised", f"reading of {text}")
     for output in context.visible:
         if output.channel in probe.opened:
             context.expect(probe, output, output.other(), f"finalize of {gone}")
@@ -277,7 +284,7 @@ def reopen(context: RuleContext) -> str | None:
         if context.subject.line is not None:
             _lose_connections(context, probe, context.subject.line)
     if held.closed_by:
-        why = "that had been closed before, and whose number was another's"
+        why = "that had been closed before, and whose number belonged to another file by then"
         raise RuleBroken(f"{held.closed_by} closed a descriptor {why}", "descriptor closed twice")
     _open_in_turns(context)
     return context.looked()

@@ -34,8 +34,8 @@ def retry(context: RuleContext) -> str | None:
         ("got no answer", lambda answer: b"", False),
         ("found the connection closed", lambda answer: b"", True),
         ("got a garbled answer", lambda answer: bytes(each ^ 0x95 for each in answer), False),
-        ("got an answer with a wrong byte, whose start and end are right", _with_a_wrong_byte, False),
-        ("got an answer without one of its bytes, whose start and end are right", _without_a_byte, False),
+        ("got an answer with a wrong byte, but the right beginning and end", _with_a_wrong_byte, False),
+        ("got an answer with a missing byte, but the right beginning and end", _without_a_byte, False),
     ]
     opening = _opening(context)  # a greeting before the second attempt is answered, or it is never made: `first_only`
     tried = False
@@ -199,13 +199,13 @@ def error_answer(context: RuleContext) -> str | None:
                     continue
                 kinds.add("writes" if "write" in context.watch.doing else "reads")
                 if error is None:
-                    raise RuleBroken(f"{context.watch.doing} succeeded; the device refuses it")
+                    raise RuleBroken(f"{context.watch.doing} succeeded, although the device refuses it")
                 if isinstance(error, TimeoutError) and answered == "seen":
-                    raise RuleBroken(f"{context.watch.doing} timed out; the device answers it with an error")
+                    raise RuleBroken(f"{context.watch.doing} timed out, although the device answers it with an error")
                 if answered == "seen":
                     _goes_on(context, probe)
             recovers(context, probe, expected, "an error answer")
-    words = [f"no {each} that the device refuses are known" for each in ("reads", "writes") if each not in kinds]
+    words = [f"the kit knows no {each} that the device refuses" for each in ("reads", "writes") if each not in kinds]
     words += [f"the device does not answer {silent[0]}"] if silent else []
     if not kinds:
         raise NotTried("; ".join(words))

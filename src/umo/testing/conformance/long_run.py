@@ -144,12 +144,12 @@ class LongRun:
         """A remark on what was examined."""
         words = [f"{self.calls:,} transfers"]
         if not self._shown and not self._steady:
-            words.append("no reading is known beforehand, so none was compared")
+            words.append("no reading is known in advance, so no reading was compared")
         if self._lags:
-            why = "the driver receives its values from elsewhere" if self._told else "the level takes its time"
-            words.append(f"{', '.join(sorted(self._lags))}: compared now and then, as {why}")
+            why = "the driver receives its values from elsewhere" if self._told else "the level changes slowly"
+            words.append(f"{', '.join(sorted(self._lags))}: compared only sometimes, because {why}")
         if not self._grown:
-            words.append("too few to see the process grow")
+            words.append("too few calls to see whether the process grows")
         return "; ".join(words)
 
     @property

@@ -73,13 +73,15 @@ def physical_scale(context: RuleContext) -> str:
         for text, before in given.items():
             given[text] = now = _scale(probe, text)
             if before is not None and now not in (None, before):
-                raise RuleBroken(f"physical_scale of {text} is {_words(before)} before open and {_words(now)} after it")
+                raise RuleBroken(
+                    f"physical_scale of {text} is {_words(before)} before open, and {_words(now)} after open"
+                )
         if not any(given.values()):
             raise NotTried("the driver gives no scale")
         _same_at_each_level(context, probe, given)
         compared = [each for each in context.viewed if _compared(context, probe, each, given)]
     alone = [text for text, scale in given.items() if scale and text not in _ends(context, compared)]
-    return f"nothing to compare the scale of {some(alone)} with" if alone else ""
+    return f"there is nothing with which the scale of {some(alone)} can be compared" if alone else ""
 
 
 def _same_at_each_level(context: RuleContext, probe: Probe, given: Mapping[str, PhysicalScale | None]) -> None:
@@ -153,19 +155,19 @@ def ages(context: RuleContext) -> str | None:
     with context.opened() as probe:
         probe.read_many(texts)
         if _ages(probe, texts) is None:
-            raise NotTried("the driver gives no ages: its readings are as old as the transfer")
+            raise NotTried("the driver gives no ages, so its readings have the age of the transfer")
         if context.subject.line is not None:
             _grow_in_silence(context, probe, texts)
         _clock_is_set(probe, texts)
         if not context.viewed:
-            return "no output moves an input: whether the age of a level is right was not seen"
+            return "no output moves an input, so it could not be seen whether the age of a level is right"
         speaks = context.subject.line is not None and device_sends_by_itself(context)
         for output in context.viewed:
             for block, waits in _age_blocks(context.view(output), texts):
                 for number, pause in enumerate(waits):
                     _moves(context, probe, output, block, (number, pause), speaks)
     still = [text for text in texts if text not in _ends(context, list(context.viewed))]
-    return f"{some(still)}: only that there is an age" if still else None
+    return f"{some(still)}: the kit checked only that there is an age" if still else None
 
 
 def _grow_in_silence(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
@@ -179,7 +181,7 @@ def _grow_in_silence(context: RuleContext, probe: Probe, texts: tuple[str, ...])
                 least = monotonic() - began - AGE_TOLERANCE
                 for text, age in zip(texts, _ages(probe, texts) or (), strict=True):
                     if age < least:
-                        why = f"nothing has come from the device for {_time(least + AGE_TOLERANCE)}"
+                        why = f"the device has sent nothing for {_time(least + AGE_TOLERANCE)}"
                         raise RuleBroken(f"{text} was read with an age of {_time(age)}; {why}")
         context.insist(probe.read_many, texts)
 
@@ -260,9 +262,11 @@ def _check_age(
     age = dict(zip(texts, _ages(probe, texts) or (), strict=True))[view]
     most = monotonic() - began + AGE_TOLERANCE
     if context.same(output, new, found) and age > most:
-        raise RuleBroken(f"{view} read {found} with an age of {_time(age)}; it has been so for {_time(most)} at most")
+        raise RuleBroken(
+            f"{view} read {found} with an age of {_time(age)}; it has had this level for at most {_time(most)}"
+        )
     if context.alike(view, old, found) and not context.same(output, new, found) and age < least:
-        raise RuleBroken(f"{view} read {found} with an age of {_time(age)}; it has been {new} for {_time(least)}")
+        raise RuleBroken(f"{view} read {found} with an age of {_time(age)}; it has been at {new} for {_time(least)}")
 
 
 def _time(seconds: float) -> str:
@@ -309,7 +313,9 @@ def _reports_again(context: RuleContext, probe: Probe) -> None:
         gone = now if gone is None else gone & now
     if gone:
         lost = some(sorted(map(repr, gone)))
-        raise RuleBroken(f"report has lost {lost} when it is asked again right after, {REPORTS} times of {REPORTS}")
+        raise RuleBroken(
+            f"report has lost {lost} when it is called again immediately, in {REPORTS} of {REPORTS} attempts"
+        )
 
 
 def _reports_of_now(context: RuleContext, probe: Probe) -> None:
@@ -329,7 +335,10 @@ def _reports_of_now(context: RuleContext, probe: Probe) -> None:
         late = now if late is None else late & now
     if late:
         names = some(sorted(map(repr, late)))
-        raise RuleBroken(f"report gives {names} as before the outputs were moved, and when it is asked again as since")
+        raise RuleBroken(
+            f"the first report after a movement of the outputs gives the old values of {names}, and the "
+            f"second report the new values"
+        )
 
 
 def _is(one: Any, other: Any) -> bool:
@@ -366,7 +375,7 @@ def _reports_while_away(context: RuleContext, probe: Probe) -> None:
                 raise RuleBroken(f"while the device is away, {context.watch.doing} raises {text_of(error)}")
     context.try_out(probe)
     if lost := before.keys() - context.insist(probe.call, "report", report_of, probe.driver).keys():
-        raise RuleBroken(f"report has lost {some(sorted(map(repr, lost)))} since the device was away, and is back")
+        raise RuleBroken(f"report has lost {some(sorted(map(repr, lost)))} after the device was away and came back")
 
 
 def _check_report(probe: Probe) -> None:
@@ -380,7 +389,9 @@ def _check_report(probe: Probe) -> None:
     if not isinstance(found, Mapping):
         raise RuleBroken(f"report returned a {type(found).__name__}, not a dict by name")
     if odd := next((f"{key!r}: {value!r}" for key, value in found.items() if not _is_plain({key: value})), ""):
-        raise RuleBroken(f"report returned {odd}, which is not plain data (numbers, texts, lists and dicts of them)")
+        raise RuleBroken(
+            f"report returned {odd}, which is not plain data (numbers, strings, and lists and dicts of these)"
+        )
 
 
 def _is_plain(value: Any) -> bool:
@@ -402,7 +413,7 @@ def watchdog(context: RuleContext) -> str | None:
         raise NotTried("the driver has no watchdog of its circuit")
     context.required_outputs  # noqa: B018  NotTried
     if not seconds:
-        raise NotTried("nothing says with which time to arm it (`watchdog` of the subject, or of the wiring)")
+        raise NotTried("the time of the watchdog is not known (`watchdog` of the subject, or of the wiring)")
     long = 2 * WATCHDOG_EXPIRY * seconds
     with context.opened() as probe:
         _drive(context, probe)
@@ -518,5 +529,5 @@ def _check_let_go(context: RuleContext, probe: Probe, seconds: float, since: str
     if all(context.same(each, each.other(), context.level(probe, each)) for each in outputs):
         at = some([f"{each.channel} at {each.other()}" for each in outputs])
         armed = f"armed with {duration(seconds)}{since}"
-        why = ": the driver sends requests by itself meanwhile" if sends else ""
+        why = ": the driver sends requests by itself during this time" if sends else ""
         raise RuleBroken(f"{armed}, still {at} when nothing was called for {duration(WATCHDOG_EXPIRY * seconds)}{why}")

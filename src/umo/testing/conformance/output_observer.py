@@ -158,7 +158,7 @@ class OutputObserver(DriverFactory):
         if output in self.viewed and not self.is_read(probe, output, raw):
             view, found = self.view(output), self.last_level
             if self.subject.levels is not None:
-                text = f"{view} reads {found}; {output.channel} is at {raw}, as it should be after {after}"
+                text = f"{view} reads {found}, but {output.channel} is at {raw}, which is right after {after}"
                 raise RuleBroken(text + self._hint(output, raw), f"reading of {view}")
             of = "" if view == output.channel else f", which shows {output.channel},"
             text = f"{view}{of} reads {found} after {after}, not {raw}"
@@ -174,7 +174,10 @@ class OutputObserver(DriverFactory):
         """A hint for devices that have steps."""
         off, width = abs(self.last_level - raw), output.greatest - output.least
         if self.subject.agree is None and width >= 1 / STEP_SHARE and off <= max(1.0, STEP_SHARE * width):
-            return " (if the device has steps or noise, say what agrees: `agree` of the subject, --tolerance)"
+            return (
+                " (if the device has steps or noise, say how far values may differ: `agree` of the subject, "
+                "--tolerance)"
+            )
         return ""
 
     # The same level -----------------------------------------------------------------------------------
@@ -210,7 +213,9 @@ class OutputObserver(DriverFactory):
         try:
             probe.open()
             if fell := self.alike(text, found, probe.read(text)):
-                self.excuses.append(f"{text} fell to its default in the meantime, taken for the device's own doing")
+                self.excuses.append(
+                    f"{text} went to its default in the meantime; the kit assumes that the device did this"
+                )
             return fell
         except OSError:
             return False
@@ -254,7 +259,7 @@ class OutputObserver(DriverFactory):
                 continue  # that it is not there is told with the level itself
             stood = (level for level in levels if not self.alike(self.view(output), first, level))
             if odd := [level for level in stood if not self.same(output, goal, level)]:
-                text = f"{output.channel} went from {first} to {odd[0]} for a moment in {doing}"
+                text = f"{output.channel} went from {first} to {odd[0]} for a short time during {doing}"
                 raise RuleBroken(text, f"level of {output.channel}")
 
     @contextmanager

@@ -127,7 +127,7 @@ def interrupt(context: RuleContext) -> str | None:
             _answered_late(context, number, context.subject.line)
     if not waited:
         raise NotTried("no call waits in a function that can be interrupted")
-    return f"{kinds - len(waited)} of {kinds} calls did not wait" if len(waited) < kinds else None
+    return f"{kinds - len(waited)} of {kinds} kinds of calls did not wait" if len(waited) < kinds else None
 
 
 def _asked_to_stop(context: RuleContext) -> None:
@@ -139,7 +139,7 @@ def _asked_to_stop(context: RuleContext) -> None:
     with context.leaving(probe):
         context.bring_up(probe)
         if (error := context.failure(probe.call, "stop_waiting", driver.stop_waiting)) is not None:
-            why = "it is called in a signal handler, and must raise nothing"
+            why = "it is called in a signal handler, and must not raise an error"
             raise RuleBroken(f"stop_waiting failed: {text_of(error)}; {why}") from error
         context.must_work(probe, "stop_waiting was called")
 
@@ -187,7 +187,7 @@ def _answered_late(context: RuleContext, number: int, line: Tap) -> None:
             error, lost = context.unanswered(calls[0])
             if raised and held and error is None and lost and context.made_up(probe):
                 raise RuleBroken(
-                    f"{context.watch.doing} took the late answer to the {interrupted} that Ctrl-C has ended"
+                    f"{context.watch.doing} used the late answer to the {interrupted} that Ctrl-C has ended"
                 )
             if not raised:
                 return

@@ -195,7 +195,8 @@ class RuleContext(OutputObserver):
         if not self.watch.doing.startswith("read") or not self.told(probe):
             return True
         self.excuses.append(
-            "what was read may have come before, as the driver receives its values from elsewhere: see the rule ages"
+            "the values may be older than the call, because the driver receives its values from elsewhere: see the "
+            "rule ages"
         )
         return False
 
@@ -234,7 +235,7 @@ class RuleContext(OutputObserver):
             missing = self.subject.line.missing if self.subject.line is not None else ""
             what = failed(error)
             if missing:
-                return f"the device is not there: {missing} ({what})"
+                return f"the device is missing: {missing} ({what})"
             return what if doing or probe is None else f"the device does not answer: {what}"
         finally:
             if probe is not None:

@@ -32,7 +32,7 @@ LOOK_INTERVAL = 0.1
 """Time in s between two checks of the rule that is tried, for its progress and for a call that hangs."""
 MINUTES = 2.0
 """Default time budget of a run in minutes."""
-TIME_UP = "left out, as the time was up (--minutes)"
+TIME_UP = "left out, because the time was over (`minutes`, --for)"
 HANG = 2.0
 """Time in s, in addition to four times its timeout, after which a call counts as hanging."""
 LONGEST_TIMEOUT_FACTOR = 1.2

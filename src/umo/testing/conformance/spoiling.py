@@ -85,12 +85,12 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
                 elif _spoiled_write(context, probe, way):
                     tried.add("writes")
     if not tried:
-        raise NotTried("answers have no structure by which garbage is noticed" if plain else NO_ANSWER)
+        raise NotTried("answers have no structure by which wrong bytes could be detected" if plain else NO_ANSWER)
     words = [f"without {' and '.join(sorted(plain))}, whose answers have no structure"] if plain else []
     kinds = {"reads"} if texts else set()
     silent = (kinds | ({"writes"} if context.subject.outputs else set())) - tried - plain
     if speaks and "writes" in silent:
-        silent, words = silent - {"writes"}, [*words, "without writes, as the device sends by itself"]
+        silent, words = silent - {"writes"}, [*words, "without writes, because the device sends by itself"]
     words += [f"{' and '.join(sorted(silent))} have no answer over the line"] if silent else []
     return "; ".join(words) or None
 
@@ -154,13 +154,13 @@ def spoiled_read(context: RuleContext, probe: Probe, watcher: Probe | None, text
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
         if way.blind and context.made_up(probe):
-            raise RuleBroken(f"{text} read {found} from {way.words}: that is no reading of now", MADE_UP)
+            raise RuleBroken(f"{text} read {found} from {way.words}: this is not a present value", MADE_UP)
         levels = (known, before) if context.told(probe) else (known,)
         right = output is not None and any(context.same(output, level, found) for level in levels)
         if not (right or context.alike(text, known, found) or context.fallen(text, found)) and text in context.known:
             if output is not None:
                 context.confirm(probe, output, known)
-            raise RuleBroken(f"{text} read {found} from {way.words}; it is at {known}")
+            raise RuleBroken(f"{text} read {found} from {way.words}, but {text} is at {known}")
     recovers(context, probe, {text: known} if text in context.known else {text: None}, way.words, way.tries)
     if context.told(probe):
         context.try_out(probe)  # what came beside the reading may be found to be wrong by a later call only
@@ -220,7 +220,7 @@ def recovers(
         if raw is not None and context.told(probe):
             _, found = context.comes_to(partial(probe.read, text), partial(context.alike, text, raw))
         if raw is not None and not (context.alike(text, raw, found) or context.fallen(text, found)):
-            raise RuleBroken(f"{text} read {found} after {after}; it is at {raw}", f"reading of {text}")
+            raise RuleBroken(f"{text} read {found} after {after}, but {text} is at {raw}", f"reading of {text}")
 
 
 def rewrite(

@@ -103,7 +103,7 @@ def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
     with context.line.spoiling(last):
         error = context.failure(call)
     if error is None and len(seen) == count and context.made_up(probe):
-        raise RuleBroken(f"{context.watch.doing} succeeded without the last of its {count} answers", MADE_UP)
+        raise RuleBroken(f"{context.watch.doing} succeeded without the last of {count} answers", MADE_UP)
 
 
 def _answers(context: RuleContext, call: DriverCall) -> int:

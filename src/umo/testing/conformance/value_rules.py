@@ -43,7 +43,7 @@ def answers(context: RuleContext) -> None:
                 text, raw, now = next(
                     each for each in zip(context.steady, first, then, strict=True) if each[1] != each[2]
                 )
-                raise RuleBroken(f"the first reading of {text} after open was {raw}, the next one {now}")
+                raise RuleBroken(f"the first reading of {text} after open was {raw}, the next reading {now}")
 
 
 def _check_record(context: RuleContext, output: Output) -> None:
@@ -163,9 +163,9 @@ def _refused(context: RuleContext, probe: Probe, output: Output, raw: int) -> No
         if isinstance(error, WrongKind):
             raise RuleBroken(f"{context.watch.doing} raised {text_of(error)}, which is not an OSError")
         if error is None:
-            raise RuleBroken(f"{context.subject.name} took {raw} for {output.channel}, which is at {came_to} now")
+            raise RuleBroken(f"{context.subject.name} accepted {raw} for {output.channel}, which is at {came_to} now")
         if not context.is_at(probe, output, output.default):
-            raise RuleBroken(f"{output.channel} went to {came_to} with a write of {raw}, which was refused")
+            raise RuleBroken(f"{output.channel} went to {came_to} after a write of {raw} that was refused")
 
 
 @rule(Cost(each=4, calls=2))
@@ -174,7 +174,7 @@ def directions(context: RuleContext) -> str | None:
     probe = context.new()
     inputs = [each for each in context.subject.inputs if probe.channel(each.channel).direction is Direction.INPUT]
     if not inputs:
-        raise NotTried("there is no channel that is an input only")
+        raise NotTried("there is no channel that is only an input")
     with context.opened() as probe:
         context.await_levels(probe)
         for each in inputs:
@@ -183,13 +183,20 @@ def directions(context: RuleContext) -> str | None:
             for many in (False, True):
                 what = f"{'write_many' if many else 'write'} to {each.channel}"
                 if context.failure(probe.call, what, _write, probe, each.channel, raw, many) is None:
-                    raise RuleBroken(f"a {what}, an input, was taken")
+                    raise RuleBroken(f"the driver accepted a {what}, which is an input")
             after = probe.read(each.channel)
             if each.channel in context.known and not context.alike(each.channel, before, after):
                 why = f"a refused write to {each.channel} changed it from {before} to {after}"
                 raise RuleBroken(why, f"reading of {each.channel}")
     unsure = [each.channel for each in inputs if each.channel not in context.known]
-    return f"whether it changes {some(unsure)} was not seen: nothing says that the level is steady" if unsure else None
+    return (
+        (
+            f"it could not be seen whether a refused write changes {some(unsure)}, because the level is not known to "
+            "be steady"
+        )
+        if unsure
+        else None
+    )
 
 
 @rule(Cost(each=2, calls=2))

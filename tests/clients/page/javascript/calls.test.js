@@ -35,7 +35,7 @@ test("only the last call is told, and the cancellation of a command is not taken
 test("what never came to the machine is told as the page knows it", () => {
   assert.equal(said([], [own("sent", 3)], 4), "sent");
   const before = [event(3, 10, "begun"), event(3, 14, "done")];
-  assert.equal(said(before, [own("refused", 20, { text: "bob may see; call needs the role operate" })], 21), "refused: bob may see; call needs the role operate");
+  assert.equal(said(before, [own("refused", 20, { text: "bob has the role see; call needs the role operate" })], 21), "refused: bob has the role see; call needs the role operate");
   assert.equal(said(before, [own("done", 10, { command: 3 })], 15, "Ann"), "done after 4 s");
   assert.equal(said([], [own("failed", 3, { text: "no answer", command: 9 })], 4), "failed: no answer");
 });

@@ -146,7 +146,7 @@ async def try_rule(subject: TriedFace, rule: FaceRule) -> str | None:
         async with rig_of(subject, rule.mode, rule.read_only) as rig:
             checking = asyncio.create_task(rule.check(rig))
             if not await finishes(checking):
-                raise AssertionError(f"it is not done within {LIMIT:g} s")
+                raise AssertionError(f"the command was not done within {LIMIT:g} s")
             checking.result()
     except Exception as error:
         return f"{rule.sentence} It does not hold: {text_of(error)}"
@@ -231,7 +231,7 @@ async def times(rig: Rig) -> None:
     if client.has_times:
         assert seen.time is not None, "the value has no time"
         assert abs(seen.time - time.time()) < TIME_ERROR + CHANGE_TIMEOUT, (
-            f"the time is {seen.time - time.time():g} s off"
+            f"the time is {seen.time - time.time():g} s wrong"
         )
 
 
@@ -250,7 +250,7 @@ async def out_of_range(rig: Rig) -> None:
     await rig.sees(client, "cell.level", lambda seen: seen.grade is not Grade.GOOD, "no good value")
 
 
-@rule("A stale value is not shown as good, and keeps the time of its last reading.")
+@rule("A stale value is not shown as good, and has the time of its last reading.")
 async def stale(rig: Rig) -> None:
     client = await rig.client()
     before = await rig.told(client, "cell.level", 10.0)
@@ -261,11 +261,11 @@ async def stale(rig: Rig) -> None:
     second = await client.read("cell.level")
     assert second.grade is not Grade.GOOD, f"{second}"
     if client.has_times and first.time is not None and second.time is not None:
-        assert second.time - first.time < STEP, "its time goes on"
+        assert second.time - first.time < STEP, "the time of a stale value advances"
     assert before.grade is Grade.GOOD, f"{before}"
 
 
-@rule("A bad value is shown as missing, and as a value when it is good again.")
+@rule("A bad value is shown as missing. When the quality is good again, the value is shown.")
 async def bad(rig: Rig) -> None:
     client = await rig.client()
     rig.machine.set("cell.position", OSError("unplugged"))
@@ -286,7 +286,7 @@ async def alarms(rig: Rig) -> None:
 # Ends ----------------------------------------------------------------------------------------------------
 
 
-@rule("When the machine is silent no value is good.")
+@rule("If the machine sends no frames, no value is shown as good.")
 async def silence(rig: Rig) -> None:
     client = await rig.client()
     await rig.sees(client, "cell.level", lambda seen: seen.grade is Grade.GOOD, "a good value")
@@ -294,7 +294,7 @@ async def silence(rig: Rig) -> None:
     await rig.sees(client, "cell.level", lambda seen: seen.grade is not Grade.GOOD, "no good value")
 
 
-@rule("When the run has ended no value is good, and all come back with the next run.")
+@rule("When the run has ended, no value is shown as good. With the next run all values return.")
 async def ends(rig: Rig) -> None:
     client = await rig.client()
     names = ("cell.level", "cell.limit", "tunable:cell.gain", "cell.phase", "run:mode")
@@ -330,7 +330,7 @@ async def tunes(rig: Rig) -> None:
     await rig.told(client, "tunable:cell.gain", 2.5)
 
 
-@rule("A command that the machine refuses is refused with the machine's text, and changes nothing.", "commands")
+@rule("A command that the machine refuses is answered with the machine's reason, and changes nothing.", "commands")
 async def refusals(rig: Rig) -> None:
     client = await rig.client()
     await refused(client.tune("cell.gain", 11.0), client, "11")
@@ -344,10 +344,10 @@ async def calls(rig: Rig) -> None:
     client = await rig.client()
     result = await client.call("cell.add", {"weight": 1.5})
     assert result in (3.0, None), f"the result is {result!r}"
-    assert any(each.path == "cell.add" for each in rig.machine.events), "the machine was not asked"
+    assert any(each.path == "cell.add" for each in rig.machine.events), "the command did not reach the machine"
 
 
-@rule("The user of a command is in the machine's events; without a proof of the name it is marked.", "commands")
+@rule("The events of the machine name the user of a command. A name that is not proved is marked.", "commands")
 async def users(rig: Rig) -> None:
     for name, value in (("ann", 2.0), ("bob", 3.0)):
         await (await rig.client(name)).tune("cell.gain", value)
@@ -376,7 +376,7 @@ async def manual(rig: Rig) -> None:
     await rig.told(client, "cell.valve", 5.0)
 
 
-@rule("A written value is held as long as its client lives.", "commands", "writes", mode=Mode.MANUAL)
+@rule("A written value is held as long as its client is alive.", "commands", "writes", mode=Mode.MANUAL)
 async def held(rig: Rig) -> None:
     client, other = await rig.client(), await rig.client("bob")
     await client.write("cell.valve", 5.0)
@@ -389,7 +389,7 @@ async def held(rig: Rig) -> None:
 
 
 @rule(
-    "A dead-man command is refused if the protocol does not show whether its client lives.",
+    "A dead-man command is refused if the protocol does not show whether its client is alive.",
     "commands",
     mode=Mode.MANUAL,
 )
@@ -409,7 +409,9 @@ async def together(rig: Rig) -> None:
     assert results in ([2.0, 4.0], [None, None]), f"the results are {results}"
 
 
-@rule("A flood of commands delays no other client for long, and each is answered.", "commands")
+@rule(
+    "Many commands from one client do not delay the other clients for long, and each command is answered.", "commands"
+)
 async def flood(rig: Rig) -> None:
     client, other = await rig.client(), await rig.client("bob")
     answers = await asyncio.gather(
@@ -442,7 +444,7 @@ async def unknown(rig: Rig) -> None:
     await rig.told(client, "cell.level", 10.0)
 
 
-@rule("Qualities of the machine and grades of the protocol agree for every item.")
+@rule("The quality of every item is shown as the grade of the protocol that corresponds to it.")
 async def qualities(rig: Rig) -> None:
     client = await rig.client()
     await rig.told(client, "cell.level", 10.0)

@@ -197,7 +197,7 @@ async def until(condition: Callable[[], Any], within: float = LIMIT) -> Any:
         if found := condition():
             return found
         await asyncio.sleep(STEP)
-    raise TimeoutError(f"the condition has not become true within {within:g} s")
+    raise TimeoutError(f"the condition did not become true within {within:g} s")
 
 
 async def finishes(task: asyncio.Task[Any], within: float = LIMIT) -> bool:

@@ -33,10 +33,10 @@ class Epics(Face):
         if not is_local(host):
             raise OptionError(
                 f"host {host!r} can be reached from other computers, and pvAccess does not prove who a "
-                "user is: leave `host` out; a gateway that only reads serves other computers (docs/face-epics.md)"
+                "user is: leave out `host`, and serve other computers by a gateway that only reads (docs/face-epics.md)"
             )
         if any(each.isspace() for each in prefix):
-            raise OptionError(f"prefix {prefix!r} has a space")
+            raise OptionError(f"prefix {prefix!r} contains a space")
         if not 0 < search_port <= 65535:
             raise OptionError(f"search_port {search_port} is not from 1 to 65535")
         self._prefix, self.search_port = prefix, search_port

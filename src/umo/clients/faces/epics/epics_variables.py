@@ -282,7 +282,7 @@ def precision_of(item: MachineItem) -> int:
 def number_in(given: Value, *, whole: bool = False) -> float:
     """Return the number that was put. Raises CommandRefused if it is not a number."""
     if not given.changed("value"):
-        raise CommandRefused("no value was put")
+        raise CommandRefused("the put contains no value")
     number = float(given["value"])
     return int(number) if whole and number.is_integer() else number
 
@@ -307,7 +307,7 @@ def _query(what: str, given: Any) -> Any:
     """The arguments of an RPC by name. Raises CommandRefused if it has none."""
     query = given["query"] if given.has("query") else {} if given.has("scheme") else given
     if not isinstance(query, Value | Mapping):
-        raise CommandRefused(f"{what}: the query is not a structure of arguments")
+        raise CommandRefused(f"{what}: the query is not a structure with arguments")
     return query
 
 

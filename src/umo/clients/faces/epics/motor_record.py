@@ -163,4 +163,4 @@ class MotorRecord:
             except PathError:  # it does not run
                 continue
         if not ended and self._state not in (*AT_REST, "stopping"):
-            raise CommandRefused(f"{self._path} is moved by the application: only the end of the run stops it")
+            raise CommandRefused(f"{self._path} is moved by the application, and only the end of the run stops it")

@@ -126,7 +126,7 @@ class PvaServer:
             user = await self._user(operation)
             operation.done(await operation.awaited(carry_out, user))
         except asyncio.CancelledError:
-            operation.done(error="the machine is no longer there")
+            operation.done(error="the machine no longer exists")
         except UmoError as error:
             operation.done(error=str(error))
         except Exception as error:  # a client may send anything

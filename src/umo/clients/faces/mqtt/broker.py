@@ -147,7 +147,7 @@ class Broker:
     def _lost(self, client: paho.Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         if reason.is_failure and not self._is_refused:
             self._tell(
-                "has gone" if self.is_up else "ends the connection at once: `ca` or `certificate` may be missing"
+                "has gone" if self.is_up else "ends the connection immediately: `ca` or `certificate` may be missing"
             )
         self.is_up = False
 
@@ -155,7 +155,7 @@ class Broker:
         """Once, however often it is tried."""
         if what != self._told:
             self._told = what
-            log.warning("%s %s; it is tried again", self._address, what)
+            log.warning("%s %s; umo tries again", self._address, what)
 
     def _came(self, client: paho.Client, data: Any, message: paho.MQTTMessage) -> None:
         if message.retain and message.topic not in self._kept:

@@ -37,13 +37,15 @@ class BrokerAddress:
             raise OptionError(f"host {self.host!r} is not the name of a computer") from None
         if not is_local(self.host) and self.ca is None:
             raise OptionError(
-                f"{self.host} is another computer: give `ca` (certificates that the broker's is checked with), "
-                "or leave `host` out: 127.0.0.1"
+                f"{self.host} is another computer: give `ca` (the certificates with which the certificate of the "
+                f"broker is checked), or leave out `host` (default: 127.0.0.1)"
             )
         if self.certificate is not None and self.ca is None:
-            raise OptionError("`certificate` needs `ca` (certificates that the broker's is checked with)")
+            raise OptionError(
+                "`certificate` needs `ca` (the certificates with which the certificate of the broker is checked)"
+            )
         if bool(self.user) != (self.password_file is not None):
-            raise OptionError("`user` and `password_file` belong together")
+            raise OptionError("give both `user` and `password_file`, or neither")
 
     def context(self) -> ssl.SSLContext | None:
         """Return the context for TLS, or None without `ca`. Raises OptionError if the files are not valid."""
@@ -66,12 +68,12 @@ class BrokerAddress:
         try:
             with self.password_file.open(encoding="utf-8") as stream:
                 if os.fstat(stream.fileno()).st_mode & 0o077:
-                    raise PermissionError("others may read it: chmod 600")
+                    raise PermissionError("other users can read the file: chmod 600")
                 line = stream.readline(MAX_PASSWORD).rstrip("\r\n")
         except (OSError, ValueError) as error:
             raise OptionError(f"{self.password_file}: the password cannot be read ({reason_of(error)})") from None
         if not line:
-            raise OptionError(f"{self.password_file}: its first line is not a password")
+            raise OptionError(f"{self.password_file}: the first line is not a password")
         return line
 
     def __str__(self) -> str:

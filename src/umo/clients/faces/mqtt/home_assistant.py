@@ -63,7 +63,7 @@ class HomeAssistant(Face):
     ) -> None:  # fmt: skip
         for name, text in (("prefix", prefix), ("topic", topic)):
             if not text or set(text) & set("+#\0"):
-                raise OptionError(f"{name} {text!r} is empty or has one of + #, which topics cannot have")
+                raise OptionError(f"{name} {text!r} is empty or contains + or #, which a topic cannot contain")
         if not FASTEST <= interval <= SLOWEST:
             raise OptionError(f"interval {interval} is not from {FASTEST:g} to {SLOWEST:g} s")
         self._broker = BrokerAddress(host, port, ca, certificate, user, password_file)

@@ -63,7 +63,7 @@ class Sparkplug(Face):
     ) -> None:  # fmt: skip
         for name, text in (("group", group), ("node", node), ("primary", primary)):
             if set(text) & set("+/#\0"):
-                raise OptionError(f"{name} {text!r} has one of + / #, which topics cannot have")
+                raise OptionError(f"{name} {text!r} contains +, / or #, which a topic cannot contain")
         if not 0 <= store <= 10_000_000:
             raise OptionError(f"store {store} is not from 0 to 10,000,000")
         self._broker = BrokerAddress(host, port, ca, certificate, user, password_file)
@@ -178,7 +178,7 @@ class Sparkplug(Face):
         for metric in message.metrics[:MAX_METRICS]:
             self._hear_metric(metric)
         if (more := len(message.metrics) - MAX_METRICS) > 0:
-            self._answer(REFUSAL, f"{more} metrics are too many: a message may have at most {MAX_METRICS}", {})
+            self._answer(REFUSAL, f"a message with {more} metrics is too long: it may have at most {MAX_METRICS}", {})
 
     def _hear_host(self, payload: bytes) -> None:
         """The primary host has come, or gone: then the session ends, and the next one waits for it."""

@@ -30,7 +30,7 @@ or longer."""
 _C = ua.StatusCodes
 GOOD, LATER = ua.StatusCode(), ua.StatusCode(_C.GoodCompletesAsynchronously)
 NOT_WRITABLE = ua.StatusCode(_C.BadNotWritable)
-ANONYMOUS = "an anonymous session only reads: log in with a password or a certificate"
+ANONYMOUS = "an anonymous session can only read: log in with a password or a certificate"
 TellRefusal = Callable[[str, str], object]
 """Function that reports a refusal. Its arguments are the user and the text."""
 

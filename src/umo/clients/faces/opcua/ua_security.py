@@ -77,10 +77,10 @@ def _pair(file: Path) -> tuple[x509.Certificate, object]:
         data = file.read_bytes()
         found = KEY.search(data)
         if found is None:
-            raise OptionError(f"{file}: there is no private key in it; it needs the certificate and its key (PEM)")
+            raise OptionError(f"{file}: the file has no private key; it must have the certificate and its key (PEM)")
         return x509.load_pem_x509_certificate(data), load_pem_private_key(found[0], None)
     except (OSError, ValueError, TypeError) as error:
-        raise OptionError(f"{file}: this is not a certificate with its key ({error})") from None
+        raise OptionError(f"{file}: the file is not a certificate with its key ({error})") from None
 
 
 def _certificates(file: Path) -> list[x509.Certificate]:

@@ -107,7 +107,7 @@ def given(item: MachineItem, data: ua.DataValue) -> Any:
     """Return a written value in the form that the machine's commands accept: a number, or the name of a state. Raises
     UaRefusal for another type, or for more than one value."""
     if (data.StatusCode is not None and data.StatusCode.value) or data.SourceTimestamp or data.ServerTimestamp:
-        words = f"{item.path}: write the value alone, the machine gives status and times"
+        words = f"{item.path}: write only the value: the machine sets status and times"
         raise UaRefusal(_C.BadWriteNotSupported, words)
     variant = data.Value or ua.Variant()
     kind, value = type_of(item), variant.Value
