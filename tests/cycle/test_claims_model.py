@@ -195,10 +195,10 @@ class Rig:
 
     def __enter__(self) -> Rig:
         self.connection.__enter__()
-        machine: Any = self.m._machine.whole
+        machine: Any = self.connection.machine
         self.machine, self.image = machine, machine.image
         self.image.transfer.now = lambda: 0.0  # on a busy computer a call takes its time: it is no timeout
-        self.slot = self.valve._slot
+        self.slot = self.image.slot_of[id(self.valve)]
         self.vector, self.resting = Vector([self.valve]), Resting(self.m.around, [])
         self.letters, self.number = Letters(), 0
         self.clients = ClientControl(self.letters, self.letters, Mode.MANUAL, lambda: self.life)
