@@ -88,6 +88,7 @@ def test_what_the_mirror_sends_itself_has_no_number_here(monkeypatch: pytest.Mon
     commands.look()
     assert [each["do"] for each in station.asked] == ["stop"]
     assert commands.local(station.number) == 0
+    assert commands.taken(station.number) == 0
 
 
 def test_what_the_station_has_taken_is_told_by_the_numbers_here(monkeypatch: pytest.MonkeyPatch) -> None:
