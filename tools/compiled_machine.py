@@ -55,7 +55,15 @@ class CompiledMachine:
         self._in, self._out = (c_int32 * max(1, inputs))(), (c_int32 * max(1, outputs))()
         self._failed_in, self._failed_out = (c_uint8 * max(1, inputs))(), (c_uint8 * max(1, outputs))()
         self._inputs, self._outputs = inputs, outputs
-        lib.machine_init(self._machine)
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin as after switching on."""
+        self._library.machine_init(self._machine)
+
+    def number(self, name: str) -> c_int32:
+        """A variable of the program, an int32_t."""
+        return c_int32.in_dll(self._library, name)
 
     def struct(self, number: int, struct: LiveStruct) -> StructMemory:
         """Return the memory of a struct of translated code, by its number."""

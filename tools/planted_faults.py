@@ -95,19 +95,33 @@ class Edit:
         self.owner, self.name, self.texts = owner, name, texts
 
 
+def function_with(owner: Any, text: str) -> str:
+    """The name of the function of a class, or of a module, that contains this text. AssertionError if it is not one."""
+    module = owner.__name__ if inspect.ismodule(owner) else owner.__module__
+    own = {name: each for name, each in vars(owner).items() if inspect.isfunction(each) and each.__module__ == module}
+    found = [name for name, each in own.items() if text in textwrap.dedent(inspect.getsource(each))]
+    assert len(found) == 1, f"{text!r} is in {len(found)} functions of {owner.__name__}"
+    return found[0]
+
+
+def changed(edit: Edit) -> Any:
+    """The function or property with these texts. AssertionError if a text that is to be replaced is not there once."""
+    known: Any = inspect.getattr_static(edit.owner, edit.name)
+    function: Any = known.fget if isinstance(known, property) else known
+    source = textwrap.dedent(inspect.getsource(function))
+    for old, new in edit.texts:
+        assert source.count(old) == 1, f"{edit.name} no longer has {old!r}"
+        source = source.replace(old, new)
+    found: dict[str, Any] = {}
+    exec(compile(source, "<mutant>", "exec"), function.__globals__, found)
+    return found[edit.name]
+
+
 @contextmanager
 def edited(edits: Sequence[Edit]) -> Iterator[None]:
     """The functions have these texts meanwhile. AssertionError if a text that is to be replaced is not there once."""
     with ExitStack() as stack:
         for edit in edits:
-            known: Any = inspect.getattr_static(edit.owner, edit.name)
-            function: Any = known.fget if isinstance(known, property) else known
-            source = textwrap.dedent(inspect.getsource(function))
-            for old, new in edit.texts:
-                assert source.count(old) == 1, f"{edit.name} no longer has {old!r}"
-                source = source.replace(old, new)
-            found: dict[str, Any] = {}
-            exec(compile(source, "<mutant>", "exec"), function.__globals__, found)
-            stack.callback(setattr, edit.owner, edit.name, known)
-            setattr(edit.owner, edit.name, found[edit.name])
+            stack.callback(setattr, edit.owner, edit.name, inspect.getattr_static(edit.owner, edit.name))
+            setattr(edit.owner, edit.name, changed(edit))
         yield

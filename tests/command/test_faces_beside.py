@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from helpers.begun_programs import is_noted_as_ended, programs_begun
 from helpers.waiting import until
 from umo.clients.faces import face_registry
 from umo.clients.faces.face import Face
@@ -137,23 +138,25 @@ def program(text: str) -> list[str]:
     return [sys.executable, "-c", text]
 
 
-def test_one_that_ends_is_told_once_and_started_again_after_growing_pauses(said: list[str], tmp_path: Path) -> None:
-    time, file = Time(), tmp_path / "starts"
+def test_one_that_ends_is_told_once_and_started_again_after_growing_pauses(
+    said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time, file, begun = Time(), tmp_path / "starts", programs_begun(monkeypatch)
     text = f"open({str(file)!r}, 'a').write('x'); print('it is dark'); raise SystemExit(3)"
     with FacesBeside("rig.toml", {LAMP: {}}, command=program(text), clock=time) as beside:
         beside.look(None, [])
-        assert beside._process is None  # the machine does not run yet
+        assert begun == []  # the machine does not run yet
 
         def ended(count: int) -> bool:
             beside.look(1, [])
-            return beside._process is None and len(file.read_text()) == count
+            return len(begun) == count and is_noted_as_ended(begun[-1]) and len(file.read_text()) == count
 
         beside.look(1, [])
         until(lambda: ended(1))
         for count, pause in ((2, FIRST_PAUSE), (3, 2 * FIRST_PAUSE), (4, 4 * FIRST_PAUSE)):
             time.now += 0.99 * pause
             beside.look(1, [])
-            assert beside._process is None
+            assert len(begun) == count - 1
             time.now += 0.02 * pause
             until(lambda count=count: ended(count))
         end = "the faces have ended (status 3); the machine continues, and the faces are started again"
@@ -161,20 +164,22 @@ def test_one_that_ends_is_told_once_and_started_again_after_growing_pauses(said:
         beside.is_ending = True
         time.now += MAX_PAUSE
         beside.look(1, [])
-        assert beside._process is None
+        assert len(begun) == 4
 
 
-def test_one_that_has_lived_for_long_is_told_anew_and_started_soon(said: list[str], tmp_path: Path) -> None:
-    time, file = Time(), tmp_path / "starts"
+def test_one_that_has_lived_for_long_is_told_anew_and_started_soon(
+    said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time, file, begun = Time(), tmp_path / "starts", programs_begun(monkeypatch)
     text = f"open({str(file)!r}, 'a').write('x'); import signal; signal.pause()"
     with FacesBeside("rig.toml", {LAMP: {}}, command=program(text), clock=time) as beside:
         for count in (1, 2, 3):
             beside.look(1, [])
-            assert beside._process is not None
+            assert len(begun) == count
             until(lambda count=count: file.exists() and len(file.read_text()) == count)
             time.now += MAX_PAUSE
-            beside._process.kill()
-            until(lambda: beside.look(1, []) or beside._process is None)
+            begun[-1].kill()
+            until(lambda: beside.look(1, []) or is_noted_as_ended(begun[-1]))
             time.now += FIRST_PAUSE
     assert said == ["the faces have ended (signal 9); the machine continues, and the faces are started again"] * 3
 
@@ -191,12 +196,11 @@ def test_one_that_floods_is_read_in_pieces(said: list[str]) -> None:
 
 def test_one_that_does_not_end_is_killed(said: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(faces_beside, "END_TIMEOUT", 0.05)
+    begun = programs_begun(monkeypatch)
     text = "import signal; signal.signal(15, signal.SIG_IGN); print('deaf', flush=True); signal.pause()"
     with FacesBeside("rig.toml", {LAMP: {}}, command=program(text)) as beside:
         until(lambda: beside.look(1, []) or said)
-        process = beside._process
-    assert process is not None
-    assert process.returncode == -signal.SIGKILL
+    assert [each.returncode for each in begun] == [-signal.SIGKILL]
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,7 @@ def test_the_record_of_another_run_may_hold_anything(tmp_path: Path, changes: di
     run = DeviceRecord(["bus 1"], "press", "rig")
     run.begin(True)
     run.stopped("killed", ["motor"])
-    (file,) = device_record._folder().iterdir()
+    (file,) = (device_record.state_folder() / device_record.FOLDER).iterdir()
     file.write_text(json.dumps(json.loads(file.read_text()) | changes))
     for ended in all_standing():
         assert str(ended).isprintable() and ended.brief.isprintable()

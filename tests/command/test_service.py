@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import grp
 import os
 import shlex
 import shutil
@@ -194,7 +195,7 @@ def test_a_folder_that_would_become_read_only_stays_writable() -> None:
 
 
 def test_groups_that_are_there_are_named_and_others_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service_hints, "_is_there", lambda group: group != "iio")
+    monkeypatch.setattr(grp, "getgrnam", {"dialout": 20, "gpio": 30}.__getitem__)
     groups, missing = groups_for(["gpio /dev/none", "serial /dev/none", "tcp 1.2.3.4:502", "iio iio:device9"])
     assert groups == ["dialout", "gpio"]
     assert len(missing) == 1
@@ -204,7 +205,7 @@ def test_groups_that_are_there_are_named_and_others_are_told(monkeypatch: pytest
 
 def test_each_device_of_a_kind_has_its_own_group(monkeypatch: pytest.MonkeyPatch) -> None:
     owners = {"serial /dev/ttyAMA0": "tty", "serial /dev/ttyUSB0": "dialout"}
-    monkeypatch.setattr(service_hints, "_is_there", lambda group: True)
+    monkeypatch.setattr(grp, "getgrnam", {"dialout": 20, "tty": 5}.__getitem__)
     monkeypatch.setattr(service_hints, "_owner", owners.get)
     assert groups_for(owners) == (["dialout", "tty"], [])
 

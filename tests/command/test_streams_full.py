@@ -18,6 +18,7 @@ import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -75,6 +76,16 @@ def ends(request: pytest.FixtureRequest) -> Iterator[tuple[int, int]]:
         os.close(each)
 
 
+def kept_open(number: int, patience: float) -> Any:
+    """What `keep_open` puts in the place of stdout and stderr, for this descriptor."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("stdout", "stderr"):
+            patch.setattr(sys, name, getattr(sys, name))  # given back
+        streams.keep_open()
+        kind: Any = type(sys.stdout.buffer.raw)  # type: ignore[attr-defined]
+    return kind(number, patience)
+
+
 def read_all(end: int, count: int) -> bytes:
     """So many bytes, which are there or come at once."""
     data = b""
@@ -85,7 +96,7 @@ def read_all(end: int, count: int) -> bytes:
 
 def test_what_is_not_taken_at_once_waits_and_is_sent_in_order(ends: tuple[int, int]) -> None:
     here, there = ends
-    raw = streams._Stream(there, 0.0)
+    raw = kept_open(there, 0.0)
     taken = filled(there)
     for number in range(3):
         raw.write(f"line {number}\n".encode())
@@ -100,7 +111,7 @@ def test_what_has_no_room_is_dropped_and_counted_and_this_is_told(
 ) -> None:
     here, there = ends
     monkeypatch.setattr(streams, "MAX_WAITING", 20)
-    raw = streams._Stream(there, 0.0)
+    raw = kept_open(there, 0.0)
     taken = filled(there)
     for number in range(5):
         raw.write(f"line {number}\n".encode())
@@ -115,7 +126,7 @@ def test_what_has_no_room_is_dropped_and_counted_and_this_is_told(
 
 def test_a_stream_that_nobody_reads_any_more_takes_everything() -> None:
     here, there = os.pipe()
-    raw = streams._Stream(there, 0.0)
+    raw = kept_open(there, 0.0)
     os.close(here)
     assert raw.write(b"lost\n") == 5
     assert raw.write(b"lost\n") == 5
@@ -129,7 +140,7 @@ def test_a_reader_that_takes_nothing_is_waited_for_once(ends: tuple[int, int], m
     monkeypatch.setattr(
         streams, "is_ready", lambda number, limit=0.0: (waits.append(limit), is_ready(number, limit))[1]
     )
-    raw = streams._Stream(there, 0.02)
+    raw = kept_open(there, 0.02)
     taken = filled(there)
     for number in range(3):
         raw.write(f"line {number}\n".encode())
@@ -150,7 +161,7 @@ def test_a_slow_reader_that_is_waited_for_loses_nothing(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(streams, "is_ready", take)
     text = bytes(range(1, 251)) * 1200  # more than is kept
-    raw = streams._Stream(there, 30.0)
+    raw = kept_open(there, 30.0)
     assert raw.write(text) == len(text)
     raw.close()
     os.close(there)
@@ -163,14 +174,15 @@ def test_a_slow_reader_that_is_waited_for_loses_nothing(monkeypatch: pytest.Monk
 
 def test_what_waits_is_not_sent_again_by_a_process_that_is_forked() -> None:
     here, there = os.pipe()
-    raw = streams._Stream(there, 0.0)
+    raw = kept_open(there, 0.0)
     taken = filled(there)
     raw.write(b"once\n")
+    read_all(here, taken)
     pid = os.fork()
     if pid == 0:
-        os._exit(len(raw._waiting))
+        raw.send_waiting()
+        os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
-    read_all(here, taken)
     raw.send_waiting()
     os.close(there)
     assert os.read(here, 100) == b"once\n"

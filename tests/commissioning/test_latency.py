@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from helpers.begun_programs import programs_begun
 from helpers.tiers import first
 from umo.commissioning.latency import Samples, judge
 from umo.commissioning.latency.loop import Loop
@@ -145,11 +146,13 @@ def test_a_short_run_leaves_figures_of_both_loops(
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 def test_the_loop_has_a_process_of_one_thread_which_is_not_a_fork(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "fork", lambda: pytest.fail("forked"))
+    begun = programs_begun(monkeypatch)
     with closing(Loop(0.005, 0)) as loop:
-        status = Path(f"/proc/{loop._process.pid}/status").read_text()
+        (process,) = begun
+        status = Path(f"/proc/{process.pid}/status").read_text()
         assert "Threads:\t1\n" in status
         assert len(loop.run(3, busy_wait=0.001).times) == 3
-    assert loop._process.returncode == 0
+    assert process.returncode == 0
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")

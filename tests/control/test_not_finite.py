@@ -20,6 +20,7 @@ from helpers.tiers import first
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Vector, connect
 from umo.control import Axis, Hysteresis, Profile, Servo, VectorPID, move_together
 from umo.control.axis import Motion
+from umo.control.axis_state import AxisState
 from umo.errors import BadInput, DeclarationError, RangeError
 from umo.objects import actions_of, atoms, walk
 from umo.states import OnOff, Rotation, UpDown
@@ -245,13 +246,14 @@ def test_a_homing_strategy_that_is_not_finite_is_refused_where_it_is_declared(ki
 
 @BAD
 def test_a_value_that_is_not_finite_switches_nothing(bad: float) -> None:
-    with connect(rig()) as m:
+    with (connection := connect(rig())) as m:
         m.encoder.referenced(True)
         periods(m)
         law = Hysteresis(m.encoder, m.valve, OnOff.ON, low=10.0, high=20.0)
         law.control()
         before = m.valve.pending
-        m.encoder._image.values[m.encoder._slot] = bad  # as a linearization of the user's may give
+        image = connection.image
+        image.values[image.slot_of[id(m.encoder)]] = bad  # as a linearization of the user's may give
         with pytest.raises(RangeError, match="is not a value to regulate by"):
             law.control()
         assert m.valve.pending is before
@@ -325,7 +327,7 @@ def test_an_axis_refuses_what_is_not_finite_and_does_not_move(
             periods(m, 3)
         except REFUSED:
             assert m.x.enabled is enabled
-            assert m.x._motion is None
+            assert m.x.state in (AxisState.STANDSTILL, AxisState.DISABLED)
             assert pending(m) == before
         except umo.errors.AxisError:
             assert not enabled
@@ -343,11 +345,12 @@ def test_an_axis_with_a_number_that_is_nan_is_refused_where_it_is_declared(kind:
 @BAD
 @pytest.mark.parametrize("kind", AXES)
 def test_an_axis_whose_encoder_has_no_value_does_not_go_on(kind: Any, bad: float) -> None:
-    with connect(Portal(x=axis(kind), y=axis(kind), timer=timer())) as m:
+    with (connection := connect(Portal(x=axis(kind), y=axis(kind), timer=timer()))) as m:
         m.x.encoder.referenced(at=50.0)
         m.x.jog(5.0)
         periods(m, 20)
-        m.x.encoder._image.values[m.x.encoder._slot] = bad  # as a linearization may give
+        image = connection.image
+        image.values[image.slot_of[id(m.x.encoder)]] = bad  # as a linearization may give
         with pytest.raises((RangeError, umo.errors.AxisError)):
             m.control()
 
@@ -368,7 +371,7 @@ def test_axes_that_move_together_move_all_or_none(bad: float) -> None:
 
 @pytest.mark.parametrize("name", stations())
 def test_no_action_that_ships_takes_a_number_that_is_not_finite(name: str) -> None:
-    with connect(stations()[name]()) as m:
+    with (connection := connect(stations()[name]())) as m:
         for node in walk(m):
             if isinstance(node, DigitalSensor) and node.incremental:
                 node.referenced(True)
@@ -391,7 +394,7 @@ def test_no_action_that_ships_takes_a_number_that_is_not_finite(name: str) -> No
                         result = offered.call(**given)
                         m.cycle.start(result)
                         periods(m)
-                    m._machine.whole.sequences.cancel()  # type: ignore[attr-defined]
+                    connection.machine.sequences.cancel()
                     assert pending(m) == before, (offered.path, given)
         takes_numbers = any(each.range for offered in actions_of(m).values() for each in offered.arguments)
         assert bool(tried) is takes_numbers

@@ -10,7 +10,9 @@ import pytest
 
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable, connect
+from umo.cycle import cache_warming
 from umo.cycle.cache_warming import COPIED_OBJECTS, CacheWarming, wait_busily
+from umo.cycle.machine import ConnectedMachine
 from umo.states import PassFail
 from umo.testing import Scripted
 
@@ -63,7 +65,22 @@ def test_neither_driver_nor_user_code_is_called_and_nothing_of_the_machine_chang
         assert own.path == "motor"
 
 
-def test_the_copies_are_read_and_written_as_the_objects_are(caplog: pytest.LogCaptureFixture) -> None:
+@pytest.fixture
+def copies(monkeypatch: pytest.MonkeyPatch) -> list[ConnectedMachine]:
+    """The machines of the copies that are made."""
+    made: list[ConnectedMachine] = []
+
+    def copy(*given: Any) -> ConnectedMachine:
+        made.append(ConnectedMachine(*given))
+        return made[-1]
+
+    monkeypatch.setattr(cache_warming, "ConnectedMachine", copy)
+    return made
+
+
+def test_the_copies_are_read_and_written_as_the_objects_are(
+    caplog: pytest.LogCaptureFixture, copies: list[ConnectedMachine]
+) -> None:
     """All are GOOD, so that the usual way is warmed; and nothing is logged."""
     machine = bench(
         encoder=sensor(incremental=True, invalid_raws=[100, 101]),
@@ -75,13 +92,13 @@ def test_the_copies_are_read_and_written_as_the_objects_are(caplog: pytest.LogCa
         warming = CacheWarming(connection.wired)
         for _ in range(10):
             warming()
-        copied = warming._machine
+        (copied,) = copies
         assert copied.image.sampled_good
         assert copied.clock.number == 10
     assert caplog.text == ""
 
 
-def test_a_machine_of_thousands_is_copied_in_part() -> None:
+def test_a_machine_of_thousands_is_copied_in_part(copies: list[ConnectedMachine]) -> None:
     class Rack(Compound):
         motors: list[DigitalActuator]
         timer: DigitalSensor
@@ -91,12 +108,12 @@ def test_a_machine_of_thousands_is_copied_in_part() -> None:
     with connection:
         warming = CacheWarming(connection.wired)
         warming()
-        assert len(warming._machine.image.items) == COPIED_OBJECTS
-        assert warming._machine.clock.number == 1, "the timer is one of them"
-        assert type(warming._machine.image) is type(connection.image)
+        assert len(copies[0].image.items) == COPIED_OBJECTS
+        assert copies[0].clock.number == 1, "the timer is one of them"
+        assert type(copies[0].image) is type(connection.image)
 
 
-def test_a_linearization_of_the_user_s_own_is_not_called() -> None:
+def test_a_linearization_of_the_user_s_own_is_not_called(copies: list[ConnectedMachine]) -> None:
     called = []
 
     class Table(LookupTable):
@@ -117,7 +134,7 @@ def test_a_linearization_of_the_user_s_own_is_not_called() -> None:
         warming = CacheWarming(connection.wired)
         warming()
         assert called == []
-        assert warming._machine.clock.number == 1
+        assert copies[0].clock.number == 1
 
 
 def test_a_warming_that_fails_is_told_once_and_left_out(caplog: pytest.LogCaptureFixture) -> None:

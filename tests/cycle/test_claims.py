@@ -71,7 +71,7 @@ def test_each_rank_has_its_reason_and_ends_as_the_table_says(rig: Rig) -> None:
     assert not m.cell.valve.write(OnOff.ON)
     rig.box.set("cell.level", 900)
     assert rig.seen() == (Rank.INTERLOCK, "level above 8 V")
-    m._machine.fail(m.cell, TaskFailed("it was asked to"))
+    rig.connection.machine.equipment.contain(m.cell, TaskFailed("it was asked to"))
     assert rig.seen() == (Rank.FAULT, "cell is in fault")
     m.cell.cycle.clear()
     assert rig.seen().rank is Rank.INTERLOCK

@@ -11,10 +11,8 @@ import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from importlib import import_module
-from inspect import getsource
 from itertools import product
 from random import Random
-from textwrap import dedent
 from typing import Any
 
 import pytest
@@ -38,6 +36,7 @@ from helpers.conversions import WAYS, choose
 from helpers.letters import Letters
 from helpers.machines import actuator, timer
 from helpers.tiers import first, some
+from tools.planted_faults import Edit, changed, function_with
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, TaskFailed, Vector, connect
 from umo.cycle.claim_table import Claims, Command
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
@@ -48,6 +47,7 @@ from umo.cycle.guards import Guards
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
 from umo.cycle.machine_view import MachineView
+from umo.cycle.to_defaults import ImageDefaults
 from umo.errors import DriverError, Interlocked, UmoError
 from umo.objects import Quality
 from umo.operation.commands.client_commands import ClientCommand, Mode
@@ -195,10 +195,10 @@ class Rig:
 
     def __enter__(self) -> Rig:
         self.connection.__enter__()
-        machine: Any = self.m._machine.whole
+        machine: Any = self.connection.machine
         self.machine, self.image = machine, machine.image
         self.image.transfer.now = lambda: 0.0  # on a busy computer a call takes its time: it is no timeout
-        self.slot = self.valve._slot
+        self.slot = self.image.slot_of[id(self.valve)]
         self.vector, self.resting = Vector([self.valve]), Resting(self.m.around, [])
         self.letters, self.number = Letters(), 0
         self.clients = ClientControl(self.letters, self.letters, Mode.MANUAL, lambda: self.life)
@@ -419,7 +419,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
         Claims.release_from_client, "self._image.settle(slots, ToDefault.SEND)", "pass"
     ),
     "work goes on with what a client holds": (
-        CommandStage._goes_on, "return self._image.go_on(slot, value)", "self._image.pending[slot] = value; return True"
+        CommandStage, "return self._image.go_on(slot, value)", "self._image.pending[slot] = value; return True"
     ),
     "a client survives a reset": (MachineView.reset, "self.whole.claims.end_client(slot)", "pass"),
     "a client survives a device that was away": (Image.was_initialized_again, "self.claims.end_client(slot)", "pass"),
@@ -427,7 +427,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "resting takes from a client": (Resting.begin, "if not image.claims.client_of(slot)", ""),
     "what holds is acknowledged": (Inhibition.acknowledge, "if not self.held:", "if True:"),
     "an owed default is forgotten": (AtOnce.refused, "owed.add if", "owed.discard if"),
-    "a rate counts for an owed default": (Image._was_reset, "self.stepped[slot] = inf", "pass"),
+    "a rate counts for an owed default": (ImageDefaults, "self.stepped[slot] = inf", "pass"),
     "a Vector asks nobody": (Image.write_many, "np.count_nonzero(self.columns.restrictions[slots])", "False"),
     "an interlock does not stop the program": (Command.admits, 'each.interlock.effect == "stop"', "False"),
     "a default is refused": (Command.admits, "if value == self.default:", "if False:"),
@@ -436,27 +436,27 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     ),
     "an interlock during a fault is not told": (Guards.free, "each.reason is not None:", "False:"),
     "what was written is lost with a device": (
-        Image._goes_on_from_default, "self._give_default(slot)", "self._give_default(slot); self.set_default(slot)"
+        ImageDefaults, "self._give_default(slot)\n    self.does",
+        "self._give_default(slot); self.set_default(slot)\n    self.does"
     ),
     "each attempt is the first one": (
         AtOnce.is_sent_again, "self._image.unconfirmed.setdefault", "(lambda slot, now: now)"
     ),
-    "it latches before the first period": (Guards._interlocked, "self._image.clock.number > 0", "True"),
+    "it latches before the first period": (Guards, "self._image.clock.number > 0", "True"),
     "a late output does not expire": (Guards.expire, "self._expired(", "len("),
 }  # fmt: skip
-"""What umo's code would do otherwise: a function, and what stands in it in the place of what."""
+"""What umo's code would do otherwise: a function, or its class, and what stands in it in the place of what."""
 OFTEN = ("a write in a fault is admitted", "a client survives a fault", "work goes on with what a client holds")
 """Those that are planted in each run of the tests."""
 
 
 def plant(patch: pytest.MonkeyPatch, function: Any, right: str, wrong: str) -> None:
-    """Put a copy with this change in the place of a method."""
-    source = dedent(getsource(function))
-    assert source.count(right) == 1, f"{function.__qualname__} has not {right!r} once"
-    names: dict[str, Any] = {}
-    exec(f"from __future__ import annotations\n{source.replace(right, wrong)}", function.__globals__, names)
-    module = import_module(function.__module__)
-    patch.setattr(getattr(module, function.__qualname__.split(".")[0]), function.__name__, names[function.__name__])
+    """Put a copy with this change in the place of a method, or of that of a class which has this text."""
+    owner = function
+    if not isinstance(function, type):
+        owner = getattr(import_module(function.__module__), function.__qualname__.split(".")[0])
+    name = function_with(owner, right) if function is owner else function.__name__
+    patch.setattr(owner, name, changed(Edit(owner, name, (right, wrong))))
 
 
 @pytest.mark.parametrize("name", some(lambda name: name in OFTEN, FAULTS))

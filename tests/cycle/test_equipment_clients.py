@@ -122,8 +122,9 @@ def test_an_interlock_that_begins_in_a_fault_is_told_when_the_fault_ends_if_it_s
         noted = [(slot, kind) for slot, kind, *_ in entries]
         told = "a.heater: inhibited: over-temperature (latched: acknowledge it)"
         assert rig.texts[-2:] == [told, "a: fault cleared"]
-        assert (a.heater._slot, Kind.INTERLOCKED) in noted
-        assert (a.stirrer._slot, Kind.INTERLOCKED) not in noted
+        heater, stirrer = (rig.connection.image.slot_of[id(each)] for each in (a.heater, a.stirrer))
+        assert (heater, Kind.INTERLOCKED) in noted
+        assert (stirrer, Kind.INTERLOCKED) not in noted
         a.cycle.start(failing())
         rig.periods(2)
         a.cycle.clear()

@@ -286,10 +286,10 @@ def test_a_law_that_forgets_to_start_a_sequence_ends_the_run(kind: type[Tank]):
 
 
 def test_an_observer_that_makes_a_sequence_is_disabled_and_told(caplog: pytest.LogCaptureFixture):
-    with connect(bench(Tank)) as m:
-        m._machine.whole.observers.append(lambda frame: m.fill())
+    with (connection := connect(bench(Tank))) as m:
+        connection.machine.observers.append(lambda frame: m.fill())
         periods(m, 3)
-        assert m._machine.whole.observers == []
+        assert connection.machine.observers == []
     assert "the observer is a sequence, and nothing awaits it: an observer must be a plain function" in caplog.text
 
 

@@ -446,7 +446,8 @@ def noted(connection: connect[Any], item: Atomic, kind: Kind, step: Callable[[],
     image.transfer.journal = journal = Journal(100)
     step()
     entries = [ENTRY.unpack_from(journal.buffer, i * ENTRY.size) for i in range(journal.count)]
-    return [(raw, before, time) for at, what, _, raw, before, time in entries if (at, what) == (item._slot, kind)]
+    slot = image.slot_of[id(item)]
+    return [(raw, before, time) for at, what, _, raw, before, time in entries if (at, what) == (slot, kind)]
 
 
 def test_arrivals_are_entries_of_the_journal_with_the_times_of_their_readings() -> None:
@@ -473,9 +474,9 @@ def test_what_the_device_has_confirmed_is_an_entry_of_the_journal_with_its_time(
 
 def test_a_machine_without_such_drivers_has_the_plain_image() -> None:
     machine = bench()
-    with connect(machine, wired(machine, Scripted())) as m:
+    with (connection := connect(machine, wired(machine, Scripted()))) as m:
         period(m)
-        assert type(m.cycle._machine.whole.image if hasattr(m.cycle, "_machine") else m.encoder._image) is Image
+        assert type(connection.image) is Image
 
 
 def test_a_sensor_that_is_read_alone_has_its_own_time_too() -> None:
@@ -858,7 +859,7 @@ def test_a_write_that_a_device_refuses_fails_with_its_cause_and_is_no_absence(in
     machine: Any = bench() if inputs else Out(timer=timer(), motor=actuator())
     wiring = slow(machine, box) if inputs else wired(machine, Scripted())
     wiring["drivers"]["box"] = {"type": box, "off_cycle": True, "period": "50 ms"}
-    with connect(machine, wiring) as m:
+    with (connection := connect(machine, wiring)) as m:
         begun = moved(box, "initialize")
         period(m, 60)
         m.motor.write(5.0)
@@ -866,7 +867,7 @@ def test_a_write_that_a_device_refuses_fails_with_its_cause_and_is_no_absence(in
         with pytest.raises(DriverError, match=str(error)):
             period(m, 3000)
         assert m.now - written < 3 * MAX_AGE + 1.0
-        assert moved(box, "initialize") - begun <= len(m.motor._image.items)  # once at most
+        assert moved(box, "initialize") - begun <= len(connection.image.items)  # once at most
 
 
 RETRIED = {"on_error": "retry", "max_age": "60 s"}

@@ -86,8 +86,8 @@ def test_each_part_is_sampled_controlled_and_updated_at_its_own_rate() -> None:
     with connect(machine, wired(machine, box)) as m:
         box.calls.clear()
         periods(m, 2000)
-        for part, count in ((m.fast, 2000), (m.middle, 200), (m.slow, 2)):
-            path = part._path
+        for path, count in (("fast", 2000), ("middle", 200), ("slow", 2)):
+            part = getattr(m, path)
             assert len(part.acted) == count
             assert moved(box, "read_many", f"{path}.level") == count
             assert moved(box, "write_many", f"{path}.valve") == count
@@ -109,9 +109,9 @@ def test_dt_is_the_exact_time_since_the_last_period_of_the_part() -> None:
 @settings(max_examples=60, deadline=None)
 def test_after_missed_ticks_a_part_runs_late_once_and_its_grid_stays(missed: list[int]) -> None:
     machine = plant()
-    with connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=missed))) as m:
-        clock, number, due = m._machine.whole.clock, 0, []
-        phase = next(rate.phase for rate in m._machine.whole.groups._rates if rate.part is m.middle)
+    with (connection := connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=missed)))) as m:
+        clock, number, due = connection.machine.clock, 0, []
+        phase = next(part.phase for part in connection.machine.groups.parts if part.path == "middle")
         for _ in missed:
             periods(m)
             begun = clock.number
@@ -130,9 +130,10 @@ def test_a_part_with_several_of_its_periods_missed_counts_its_own_ticks() -> Non
 
     machine = plant()
     machine = Plant(timer=timer(), fast=unit(), middle=unit(Counting), slow=unit(Slow))
-    with connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=[0] * 10 + [35]))) as m:
+    with (connection := connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=[0] * 10 + [35])))) as m:
         periods(m, 11)
-        assert sum(m.middle.acted) == sum(each % 10 == m._machine.whole.groups.parts[0].phase for each in range(1, 46))
+        phase = connection.machine.groups.parts[0].phase
+        assert sum(m.middle.acted) == sum(each % 10 == phase for each in range(1, 46))
 
 
 def test_the_fast_outputs_are_sent_before_a_slow_part_is_sampled_and_computes() -> None:
@@ -218,8 +219,8 @@ def test_a_slew_rate_of_a_slow_part_counts_the_time_of_its_own_periods() -> None
 
     machine = Machine(timer=timer(), ramped=Ramped(valve=actuator(slew_rate=100.0)))
     box = Scripted()
-    with connect(machine, wired(machine, box)) as m:
-        first = m._machine.whole.groups.parts[0].phase or 10
+    with (connection := connect(machine, wired(machine, box))) as m:
+        first = connection.machine.groups.parts[0].phase or 10
         periods(m, first)
         sent = [m.ramped.valve.read()]
         for _ in range(3):
@@ -493,8 +494,8 @@ def test_phases_are_spread_so_that_parts_do_not_meet() -> None:
 
 def test_a_slow_part_has_phases_of_its_own_in_the_periods_in_which_it_acts() -> None:
     machine, box, clock = plant(), Scripted(), VirtualTimer()
-    with connect(machine, wired(machine, box, clock=clock)) as m:
-        whole = m._machine.whole
+    with (connection := connect(machine, wired(machine, box, clock=clock))) as m:
+        whole = connection.machine
         phases = PhaseTimes(whole.image, {"box": box, "clock": clock}, whole.groups.parts)
         mine = ["sample box for middle", "update box for middle", "control middle"]
         taken: list[list[bool]] = []
@@ -617,14 +618,15 @@ def test_what_does_not_wait_is_sent_also_where_the_outputs_of_another_part_fail(
     fast, late = (kind(level=sensor(), valve=actuator()) for kind in (Still, LateStill))
     slow = SlowStill(level=sensor(), valve=actuator(expires="1.501 s"))
     machine, box = WithLate(timer=timer(), fast=fast, slow=slow, late=late), Deaf()
-    with pytest.raises(DriverError, match=r"late\.valve"), connect(machine, wired(machine, box)) as m:
+    connection = connect(machine, wired(machine, box))
+    with pytest.raises(DriverError, match=r"late\.valve"), connection as m:
         driven(m, box)
         periods(m, 499)
         box.deaf = True
         try:
             periods(m, 1)
         finally:
-            assert (m._machine.whole.clock.number, box.get("slow.valve")) == (1501, 0)
+            assert (connection.machine.clock.number, box.get("slow.valve")) == (1501, 0)
 
 
 def test_a_reset_that_a_slow_part_has_lost_is_tried_again_in_the_next_period() -> None:
@@ -701,8 +703,8 @@ def test_a_slow_part_does_not_lengthen_the_timeout_of_a_driver() -> None:
     machine = works()
     wiring = wired(machine, Scripted())
     wiring["drivers"]["box"] = Scripted()
-    with connect(machine, wiring) as m:
-        timeouts = {wire.driver.timeout for wire in m._machine.whole.image.wires if wire.item is not m.timer}
+    with (connection := connect(machine, wiring)) as m:
+        timeouts = {wire.driver.timeout for wire in connection.image.wires if wire.item is not m.timer}
     assert max(timeouts) <= 0.01
 
 

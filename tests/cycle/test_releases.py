@@ -38,13 +38,13 @@ def test_every_held_action_that_ships_is_tried() -> None:
 def test_what_is_switched_off_stays_off_whatever_is_released(station: str, path: str, steps: list[str]) -> None:
     arguments, off = HELD[station, path]
     machine: Any = stations()[station]()
-    with connect(machine) as m:
+    with (connection := connect(machine)) as m:
         if station == "conveyor":
             put(m.sorter.emergency_stop, OpenClosed.CLOSED)
         letters = Letters()
-        clock = m._machine.whole.clock
+        clock = connection.machine.clock
         clients = ClientControl(letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now)
-        m._machine.whole.attach(clients)
+        connection.machine.attach(clients)
 
         def send(do: str, path: str = "", **more: Any) -> None:
             letters.waiting.append(ClientCommand(1, "client", "key", do, path, **more))

@@ -155,7 +155,7 @@ class Rig:
         elif what == "hot":
             self.boxes["other"].set("probe", 200 if number % 2 else 0)
         elif what == "high":
-            self.boxes["box"].set(f"{part._path}.level", 150 if number % 2 else 0)
+            self.boxes["box"].set(f"parts.{number % len(self.m.parts)}.level", 150 if number % 2 else 0)
         elif what == "sequence":
             with suppress(EquipmentFault):
                 part.cycle.start(failing())

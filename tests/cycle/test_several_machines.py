@@ -139,12 +139,12 @@ def test_the_sequence_that_takes_a_step_is_known_to_its_machine_alone():
 
     async def looks(own, others):
         await next_period()
-        seen.append((own._machine.current_task is not None, [each._machine.current_task for each in others]))
+        seen.append((own.sequences.current.task is not None, [each.sequences.current.task for each in others]))
 
     with Cycle() as one, Cycle() as other:
-        one.start(looks(one.m, [other.m]))
+        one.start(looks(one.connection.machine, [other.connection.machine]))
         one.steps(2)
-        assert one.m._machine.current_task is None
+        assert one.connection.machine.sequences.current.task is None
     assert seen == [(True, [None])]
 
 

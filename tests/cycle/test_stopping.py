@@ -14,10 +14,11 @@ import pytest
 
 from helpers.machines import Board, bench, on, wired
 from umo import connect, run
-from umo.drivers import Channel, EndsWait
+from umo.drivers import EndsWait
 from umo.drivers.timerfd import TimerFd
 from umo.errors import Interrupted
 from umo.states import OnOff
+from umo.system import calls
 from umo.system.device_record import DeviceRecord, standing
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -264,31 +265,24 @@ LONG = 600.0
 """s of a period that no test waits for."""
 
 
-class Waiting(TimerFd):
-    """Asks for a stop as soon as it waits."""
+def when_waiting(patch: pytest.MonkeyPatch, ask: Callable[[], object]) -> TimerFd:
+    """A timer; a stop is asked for as soon as it waits."""
+    read = calls.read
 
-    def __init__(self, ask: Callable[[], object]) -> None:
-        super().__init__()
-        self.ask = ask
+    def waits(file: int, size: int) -> bytes:
+        if size == 8:
+            Timer(0.01, ask).start()
+        return read(file, size)
 
-    def read(self, channel: Channel) -> int:
-        assert self.ticker is not None
-        sleep, self.ticker._sleep = self.ticker._sleep, lambda: None
-
-        def asked() -> None:
-            self.ticker._sleep = sleep
-            Timer(0.01, self.ask).start()
-            sleep()
-
-        self.ticker._sleep = asked
-        return super().read(channel)
+    patch.setattr(calls, "read", waits)
+    return TimerFd()
 
 
 @linux
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_ends_the_wait_for_a_tick_without_another_period(number: int) -> None:
+def test_a_signal_ends_the_wait_for_a_tick_without_another_period(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     machine, box = bench(), Scripted()
-    wiring = wired(machine, box, clock=Waiting(lambda: cut(number)))
+    wiring = wired(machine, box, clock=when_waiting(monkeypatch, lambda: cut(number)))
     wiring["wire"]["timer"]["period"] = LONG
     shown: list[int] = []
     with pytest.raises(Interrupted) as ended:
@@ -310,10 +304,11 @@ def test_a_signal_ends_the_wait_of_a_paced_plant(monkeypatch: pytest.MonkeyPatch
 
 
 @linux
-def test_a_stop_ends_the_wait_of_a_machine_in_another_thread() -> None:
+def test_a_stop_ends_the_wait_of_a_machine_in_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     machine = bench()
-    connection = connect(machine, wired(machine, Scripted(), clock=Waiting(lambda: connection.stop.request())))
-    connection._wiring["wire"]["timer"]["period"] = LONG
+    wiring = wired(machine, Scripted(), clock=when_waiting(monkeypatch, lambda: connection.stop.request()))
+    wiring["wire"]["timer"]["period"] = LONG
+    connection = connect(machine, wiring)
     found: list[object] = []
 
     def loop() -> None:

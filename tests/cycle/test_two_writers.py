@@ -314,7 +314,7 @@ def test_what_was_told_is_looked_at_no_longer(monkeypatch: pytest.MonkeyPatch) -
     with running() as rig:
         rig.start(warm(rig.m, 3.0), late(rig.m, 4.0))
         periods(rig.m, 5)
-        assert rig.connection.image.columns.written[rig.m.heater._slot] >= TOLD
+        assert rig.connection.image.columns.written[rig.connection.image.slot_of[id(rig.m.heater)]] >= TOLD
         monkeypatch.setattr(TwoWriters, "_writer", lambda self: pytest.fail("it is looked at"))
         periods(rig.m, 3)
 
@@ -616,7 +616,7 @@ def test_without_the_extension_two_writers_are_told_in_a_period_that_is_looked_a
     assert f"{line('warm on')}warm_on) and control of Plant (" in text
     assert f"{line('the law')}heat)" in text
     assert list(rig.told) == ["heater"]
-    slot = rig.m.heater._slot
+    slot = rig.connection.image.slot_of[id(rig.m.heater)]
     periods(rig.m, 2)
     assert asked[slot] == 0  # its writes go straight into the image again
     periods(rig.m, 2 * OF)

@@ -108,8 +108,9 @@ def trace(seeds: list[int], levels: int, dead: Sequence[range], commands: list[t
     wire["timer"] = {"driver": "clock", "period": "10 ms"}
     found = []
     letters = Letters()
-    with connect(m, {"drivers": {"box": box, "other": other, "clock": VirtualTimer()}, "wire": wire}) as m:
-        machine = m._machine.whole
+    connection = connect(m, {"drivers": {"box": box, "other": other, "clock": VirtualTimer()}, "wire": wire})
+    with connection as m:
+        machine = connection.machine
         if commands is not None:
             machine.attach(ClientControl(letters, letters, Mode.AUTOMATIC, lambda: 1.0))
             letters.waiting.append(ClientCommand(0, "ann", "key", "lease"))

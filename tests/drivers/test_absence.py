@@ -184,7 +184,7 @@ def test_a_look_that_raises_is_one_that_does_not_find_it_and_its_cause_is_told(a
         (text,) = events(connection)
         assert text.startswith(f"driver box is away: {told}")
         with pytest.raises(DriverError, match=f"away: {told}"):
-            connection.image.transfer.read(m.encoder._slot)
+            connection.image.transfer.read(connection.image.slot_of[id(m.encoder)])
         box.found = lambda: True
 
 

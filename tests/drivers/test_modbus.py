@@ -23,6 +23,8 @@ from helpers.peers.modbus_map import CELL, coil, discrete, holding, input_regist
 from umo import BinaryActuator, Compound, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
+from umo.drivers.modbus import driver as driver_module
+from umo.drivers.modbus.plan import plan_reads
 from umo.drivers.streams import Stream, hosts
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 from umo.states import OnOff
@@ -330,14 +332,17 @@ def test_a_watchdog_without_a_register_is_refused_like_one_that_does_not_exist(
 
 
 def test_a_plan_is_made_once_and_the_number_of_plans_is_bounded(start: Start, connected: Connect) -> None:
-    driver = connected(start())
-    with patch.object(driver._reads, "_make", wraps=driver._reads._make) as planning:
+    with patch.object(driver_module, "plan_reads", wraps=plan_reads) as planning:
+        driver = connected(start())
         for _ in range(3):
             read(driver, "coil:1", "coil:2")
         assert planning.call_count == 1
-    for i in range(600):
-        read(driver, f"coil:{i}")
-    assert len(driver._reads._known) <= 256
+        for i in range(600):
+            read(driver, f"coil:{i}")
+        read(driver, "coil:599")
+        assert planning.call_count == 601
+        read(driver, "coil:0")  # which is not kept any more
+        assert planning.call_count == 602
 
 
 # Failures -----------------------------------------------------------------------------------------

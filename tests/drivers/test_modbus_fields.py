@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, check, co
 from umo.drivers.contract import Direction
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus import driver as modbus
+from umo.drivers.modbus import unit as unit_module
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import ORDERS, SINGLE_ORDERS, parse
 from umo.drivers.modbus.plan import Request, plan_reads, plan_writes
@@ -312,6 +314,12 @@ class Registers:
         return result
 
 
+def connected_to(driver: Modbus, unit: Registers) -> None:
+    """The driver is connected to this unit."""
+    with patch.object(unit_module, "Unit", lambda *_: unit):
+        driver.open()
+
+
 OUTPUTS = ["holding:0.0", "holding:0.5:3", "holding:0.15", "holding:1", "holding:2:BA.3:0", "holding:3.12:2"]
 OUTPUTS += ["holding:4:uint32:CDAB.19:12", "holding:4:uint32:CDAB.3", "holding:6:int32.31:0", "holding:2:BA.11"]
 
@@ -327,7 +335,7 @@ def test_whatever_fails_bits_that_nobody_wired_stay_and_the_others_are_as_comman
 def _write_with_failures(words: list[int], masked: bool, skipping: bool, data: st.DataObject) -> None:
     driver = Modbus(mask_write=masked, **({"skip_unchanged": "1 h"} if skipping else {}))
     unit = Registers(words)
-    driver._connection = unit  # type: ignore[assignment]
+    connected_to(driver, unit)
     outputs = [each for text in OUTPUTS if Direction.OUTPUT in (each := driver.channel(text)).direction]
     whole = parse("holding:0:uint64"), parse("holding:4:uint64")
     wired = sum(mask << 16 * (7 - each.address - i) for each in outputs for i, mask in enumerate(each.masks))
@@ -386,7 +394,7 @@ class SharedRegisters(RuleBasedStateMachine):
         self.known: dict[str, dict[int, int]] = {name: {} for name in self.drivers}
         for name, driver in self.drivers.items():
             self.units[name].words = shared
-            driver._connection = self.units[name]  # type: ignore[assignment]
+            connected_to(driver, self.units[name])
 
     def _write(self, name: str, address: int, parts: Sequence[str], word: int) -> None:
         channels = [self.drivers[name].channel(f"holding:{address}.{part}") for part in parts]
@@ -546,7 +554,7 @@ def test_a_field_writes_no_register_in_which_it_has_no_bits(order: str) -> None:
     """The device itself counts in the others."""
     unit = Registers([0] * 8)
     driver = Modbus()
-    driver._connection = unit  # type: ignore[assignment]
+    connected_to(driver, unit)
     field = driver.channel(f"holding:0:uint64:{order}.40:20")
     driver.write(field, 1)
     unit.words[0], unit.words[3] = 999, 777

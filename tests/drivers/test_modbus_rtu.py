@@ -9,7 +9,9 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -19,14 +21,17 @@ from helpers.peers.modbus_device import PATIENT, Peer, running
 from helpers.peers.modbus_map import coil, discrete, holding, input_register
 from helpers.waiting import until
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
-from umo.drivers.modbus import Modbus
+from umo.drivers.modbus import Modbus, rtu, serial_line, unit
 from umo.drivers.modbus.serial_line import SerialLine
+from umo.drivers.streams import line, stream
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 pytest.importorskip("pymodbus")
 pytest.importorskip("serial")
 
 HASTY = 0.1
+RECOVERY = 60.0
+"""s, longer than any test."""
 Start = Callable[..., Peer]
 Unit = Callable[..., Modbus]
 
@@ -53,7 +58,31 @@ def connected() -> Iterator[Unit]:
     yield connected
     for driver in drivers:
         driver.close()
-    assert SerialLine._lines == {}
+    check_that_no_line_is_kept(*(driver.place for driver in drivers))
+
+
+def check_that_no_line_is_kept(*places: Any) -> None:
+    """A line that this process still has keeps its settings: it is refused with others."""
+    for place in places:
+        SerialLine.join(replace(place, baudrate=300)).leave()
+
+
+class Clock:
+    """The clock of the driver and its line, which may be set ahead."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.ahead = 0.0
+        for module in (rtu, serial_line, unit, line, stream):
+            patch.setattr(module, "monotonic", lambda: monotonic() + self.ahead)
+
+    def recovered(self) -> None:
+        """So much time passes that nothing recovers any more."""
+        self.ahead += RECOVERY
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    return Clock(monkeypatch)
 
 
 def read(driver: Modbus, *texts: str) -> list[int]:
@@ -213,12 +242,12 @@ def test_a_write_that_was_not_confirmed_as_sent_has_failed(
 
 
 def test_an_exception_answer_is_not_a_failure_of_the_line_and_the_other_requests_are_made(
-    start: Start, connected: Unit
+    start: Start, connected: Unit, clock: Clock
 ) -> None:
     texts = ("input:0", "discrete:1", "holding:2")
-    driver = connected(start("4:exception=2"))
+    driver = connected(start("4:exception=2"), recovery=RECOVERY)
+    clock.recovered()
     assert read(driver, *texts) == [input_register(0), discrete(1), holding(2)]
-    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     out = np.full(3, -99, np.int64)
     with pytest.raises(ChannelsFailed) as caught:
         driver.read_many([driver.channel(text) for text in texts], out)
@@ -230,26 +259,28 @@ def test_an_exception_answer_is_not_a_failure_of_the_line_and_the_other_requests
 # Late answers --------------------------------------------------------------------------------------
 
 
-def test_a_late_answer_is_never_taken_for_a_later_one_of_the_same_kind(start: Start, connected: Unit) -> None:
-    driver = connected(start("2:late=1000"))
+def test_a_late_answer_is_never_taken_for_a_later_one_of_the_same_kind(
+    start: Start, connected: Unit, clock: Clock
+) -> None:
+    driver = connected(start("2:late=1000"), recovery=RECOVERY)
+    clock.recovered()
     assert one(driver, "holding:4") == holding(4)  # else the unit still recovers from the opening
-    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     driver.timeout = HASTY
     with pytest.raises(DeviceTimeout, match="timed out"):
         one(driver, "holding:1")
     with pytest.raises(DriverError, match="holding register 2: recovering: a late answer may still come") as caught:
         one(driver, "holding:2")
     assert not isinstance(caught.value, TimeoutError)
-    driver._connection._transport._recovery = 1.5  # type: ignore[union-attr]
+    clock.ahead += RECOVERY - 1.5  # the late answer comes meanwhile
     driver.timeout = PATIENT
     assert [one(driver, f"holding:{i}") for i in (2, 3, 1)] == [holding(2), holding(3), holding(1)]
 
 
-def test_while_a_unit_recovers_its_other_functions_go_on(start: Start, connected: Unit) -> None:
+def test_while_a_unit_recovers_its_other_functions_go_on(start: Start, connected: Unit, clock: Clock) -> None:
     peer = start("3:silent")
-    driver = connected(peer)
+    driver = connected(peer, recovery=RECOVERY)
+    clock.recovered()
     assert read(driver, "holding:1", "coil:1") == [holding(1), coil(1)]
-    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     driver.timeout = HASTY
     with pytest.raises(DeviceTimeout):
         one(driver, "holding:1")
@@ -276,10 +307,10 @@ def test_a_call_waits_for_the_end_of_the_recovery_if_that_leaves_it_half_of_its_
     assert peer.requests() == [(3, 1, 1), (3, 2, 1)]
 
 
-def test_the_late_answer_itself_ends_the_recovery(start: Start, connected: Unit) -> None:
-    driver = connected(start("2:late=150"))
+def test_the_late_answer_itself_ends_the_recovery(start: Start, connected: Unit, clock: Clock) -> None:
+    driver = connected(start("2:late=150"), recovery=RECOVERY)
+    clock.recovered()
     assert one(driver, "holding:1") == holding(1)
-    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     driver.timeout = HASTY
     with pytest.raises(DeviceTimeout):
         one(driver, "holding:1")
@@ -296,12 +327,12 @@ def recovered(call: Callable[[], Any]) -> Any:
 
 
 @pytest.mark.parametrize("fault", ["crc", "truncate=6", "before=1", "before=3", "tail"])
-def test_an_answer_that_came_damaged_is_not_waited_for(start: Start, connected: Unit, fault: str) -> None:
+def test_an_answer_that_came_damaged_is_not_waited_for(start: Start, connected: Unit, clock: Clock, fault: str) -> None:
     """On a noisy line each hit costs one reading, and not all that fall into the time of a recovery."""
     peer = start(f"2:{fault}")
-    driver = connected(peer)
+    driver = connected(peer, recovery=RECOVERY)
+    clock.recovered()
     assert read(driver, *READING) == [input_register(i) for i in range(4)]
-    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     driver.timeout = HASTY
     with pytest.raises(DriverError):
         read(driver, *READING)
@@ -312,10 +343,12 @@ def test_an_answer_that_came_damaged_is_not_waited_for(start: Start, connected: 
 
 
 @pytest.mark.parametrize("fault", ["silent", "unit=2", "fewer", "odd", "function=3", "garbage"])
-def test_what_is_not_known_for_the_answer_leaves_the_unit_recovering(start: Start, connected: Unit, fault: str) -> None:
-    driver = connected(start(f"2:{fault}"))
+def test_what_is_not_known_for_the_answer_leaves_the_unit_recovering(
+    start: Start, connected: Unit, clock: Clock, fault: str
+) -> None:
+    driver = connected(start(f"2:{fault}"), recovery=RECOVERY)
+    clock.recovered()
     read(driver, *READING)
-    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     driver.timeout = HASTY
     with pytest.raises(DriverError):
         read(driver, *READING)
@@ -325,14 +358,14 @@ def test_what_is_not_known_for_the_answer_leaves_the_unit_recovering(start: Star
             read(driver, *READING)
 
 
-def test_a_line_that_was_opened_again_begins_with_a_recovery(start: Start, connected: Unit) -> None:
+def test_a_line_that_was_opened_again_begins_with_a_recovery(start: Start, connected: Unit, clock: Clock) -> None:
     peer = start("1:late=150")
-    driver = connected(peer)
+    driver = connected(peer, recovery="300 ms")
+    clock.recovered()
     driver.timeout = HASTY
     with pytest.raises(DeviceTimeout):
         one(driver, "holding:1")
     driver.close()
-    driver._rules["recovery"] = 0.3
     driver.timeout = PATIENT
     driver.open()
     assert one(driver, "holding:2") == holding(2)
@@ -400,7 +433,7 @@ def test_several_units_of_one_line_are_wired_as_several_drivers(start: Start) ->
         assert m.lost.read() == input_register(3)
         assert set(peer.units()) == {1, 2, 3}
     assert peer.requests()[-1] == (6, 1, 1, 0), "the motor is reset at the end"
-    assert SerialLine._lines == {}
+    check_that_no_line_is_kept(Modbus(serial=peer.path).place)
 
 
 def test_a_machine_whose_timeout_is_shorter_than_the_recovery_connects(start: Start) -> None:
@@ -460,7 +493,8 @@ def test_a_line_that_does_not_exist_fails_at_open_and_leaves_nothing_open() -> N
     with pytest.raises(DriverError, match="no device /dev/ttyUMO7"):
         driver.open()
     driver.close()
-    assert (os.listdir("/proc/self/fd"), SerialLine._lines) == (before, {})
+    assert os.listdir("/proc/self/fd") == before
+    check_that_no_line_is_kept(driver.place)
 
 
 @pytest.mark.parametrize("path", ["/dev/null", __file__])

@@ -261,7 +261,7 @@ def test_it_is_what_python_does(name: str, tmp_path: Path) -> None:
         except ERRORS as error:
             told = type(error).__name__
         assert kinds[c.step(1, [])] == told
-        for field in memory._struct.fields if told is None else ():
+        for field in memory.fields if told is None else ():
             assert (field, bits(memory.read(field))) == (field, bits(getattr(law, field)))
 
 

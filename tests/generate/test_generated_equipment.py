@@ -12,23 +12,16 @@ from helpers.equipment_plant import Slide, plant
 from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired
 from helpers.tiers import some
 from umo import Compound, DigitalSensor
-from umo.control.axis import Interruption
-from umo.control.axis_state import AxisState
-from umo.control.inputs import HOMING
 from umo.cycle.connect import connect
-from umo.objects import Quality, atoms
+from umo.objects import atoms
 from umo.testing import VirtualTimer
 
 pytestmark = needs_a_compiler
 
 
 def act_on(axis: Slide, random: Random) -> None:
-    """What the host does with an axis: it enables it, and plans a motion."""
-    axis._accept = HOMING
-    if not axis.enabled and axis.encoder.quality != Quality.BAD:
-        axis._state, axis._interrupted = AxisState.STANDSTILL, Interruption.NONE
-        axis._stand()
-    else:
+    """The host enables the axis, or plans a motion."""
+    if not axis.host_begins_homing():
         axis.profile.to(axis.profile.setpoint.position + random.uniform(-3.0, 3.0))
 
 
@@ -62,7 +55,7 @@ def test_what_fails_in_equipment_is_its_fault_in_the_same_period(seed: int, tmp_
                 both.push()
             if random.random() < 0.02:
                 m.unit.valve.position.referenced(True)
-                both.c.referenced(m.unit.valve.position._slot)
+                both.c.referenced(running.image.slot_of[id(m.unit.valve.position)])
             if random.random() < 0.03:
                 if both.clear(random.randrange(-1, len(parts))):
                     cleared += 1

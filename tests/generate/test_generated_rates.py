@@ -14,11 +14,8 @@ from helpers.rated_plant import rated_plant_with_axis
 from helpers.tiers import some
 from umo import Compound, DigitalActuator, DigitalSensor
 from umo.control import Profile
-from umo.control.axis import Interruption
-from umo.control.axis_state import AxisState
-from umo.control.inputs import HOMING
 from umo.cycle.connect import connect
-from umo.objects import Quality, Sensor, atoms
+from umo.objects import Sensor, atoms
 from umo.testing import VirtualTimer
 
 pytestmark = needs_a_compiler
@@ -29,12 +26,8 @@ RATES = (3, 7, 5), (2, 2, 2), (4, 6, 12), (1, 10, 3), (6, 1, 1), (5, 3, 2)
 
 
 def begin_to_move(axis: Slide) -> None:
-    """What the host does with an axis: it enables it, and plans a motion."""
-    axis._accept = HOMING
-    if not axis.enabled and axis.encoder.quality != Quality.BAD:
-        axis._state, axis._interrupted = AxisState.STANDSTILL, Interruption.NONE
-        axis._stand()
-    else:
+    """The host enables the axis, or plans a motion."""
+    if not axis.host_begins_homing():
         Profile.to(axis.profile, axis.profile.setpoint.position + 3.0)
 
 

@@ -8,6 +8,9 @@ from typing import Any
 from helpers.machines import timer
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock
 from umo.control import PID, ServoAxis, value_of
+from umo.control.axis import Interruption
+from umo.control.axis_state import AxisState
+from umo.control.inputs import HOMING
 from umo.objects import Quality
 from umo.states import OnOff
 
@@ -57,6 +60,16 @@ class Slide(ServoAxis, equipment=True):
     jerk: float = 5000.0
     window: float = 1.0
     following_error: float = 40.0
+
+    def host_begins_homing(self) -> bool:
+        """What the host does with an axis, before it moves: it enables it, whether it is referenced or not. True if
+        the axis was not enabled."""
+        self._accept = HOMING
+        if self.enabled or self.encoder.quality == Quality.BAD:
+            return False
+        self._state, self._interrupted = AxisState.STANDSTILL, Interruption.NONE
+        self._stand()
+        return True
 
 
 class Unit(Compound, equipment=True, stop_order=("heater", "pump", "valve")):

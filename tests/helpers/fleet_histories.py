@@ -99,17 +99,18 @@ class Recording:
         self._stop: threading.Event | None = None
 
     async def begin(self) -> None:
-        self._folder = RecordFolder(self.root, self.said.append)
-        self._recorder = FleetRecorder(await self._source(), self._folder, say=self.said.append)
+        self.folder: Any = RecordFolder(self.root, self.said.append)
+        self._from: Any = await self._source()
+        recorder = FleetRecorder(self._from, self.folder, say=self.said.append)
         self._stop = stop = threading.Event()
-        self._thread = threading.Thread(target=self._recorder.run, args=(stop.is_set,), daemon=True)
+        self._thread = threading.Thread(target=recorder.run, args=(stop.is_set,), daemon=True)
         self._thread.start()
 
     async def _source(self) -> RecordSource:
         if self._jetstream is not None:
             from umo.clients.fleet.jetstream_source import JetStreamSource
 
-            made = JetStreamSource(self._jetstream, self._folder, ["*/*"], self.said.append)
+            made = JetStreamSource(self._jetstream, self.folder, ["*/*"], self.said.append)
             self._close = made.close
             return made
         session = await self._fleet.session()
@@ -121,12 +122,11 @@ class Recording:
         if self._stop is None:
             return
         if killed:
-            self._recorder._write = lambda followed: None  # type: ignore[method-assign]
-            self._recorder._tell_written = lambda: None  # type: ignore[method-assign]
+            self.folder.write = self.folder.write_objects = self._from.written = lambda *given: None
         self._stop.set()
         await asyncio.to_thread(self._thread.join)
         await asyncio.to_thread(self._close)
-        self._folder.close()
+        self.folder.close()
         self._stop = None
 
     def deltas(self) -> list[int]:

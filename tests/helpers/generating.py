@@ -32,7 +32,7 @@ from umo.generate.controller_model import ControllerModel, model_of
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS, CodeFault
 from umo.generate.translator import translate
-from umo.objects import Quality, Sensor, atoms, walk
+from umo.objects import Quality, Sensor, atoms, children, walk
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer
 
@@ -288,7 +288,7 @@ def set_inputs(box: Scripted, channels: Sequence[str], raws: Sequence[int], fail
 
 
 def wiring_of(machine: Compound, box: Scripted, clock: VirtualTimer, *inverted: str) -> dict[str, Any]:
-    paths = [path for path in machine._children if path != "timer"]
+    paths = [path for path in children(machine) if path != "timer"]
     wire: dict[str, Any] = {
         path: {"driver": "box"} | ({"inverted": True} if path in inverted else {}) for path in paths
     }

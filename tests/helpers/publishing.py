@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -9,10 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from helpers.machines import Bench, bench, wired
 from umo import connect, published
 from umo.cycle.journal import Kind
-from umo.process.frames import Ring
+from umo.process.frames import Ring, memory, ring, ring_copy
+from umo.process.frames.layout import HEADER, Layout, Places
 from umo.testing import Scripted, VirtualTimer
 
 
@@ -23,6 +27,42 @@ def running(box: Scripted | None = None, *, missed: Any = (), **changes: Any) ->
     connection = connect(m, wired(m, box or Scripted(), clock=VirtualTimer(missed)))
     with connection, published(connection, "bench") as ring:
         yield m, ring, connection
+
+
+class RingMemory:
+    """The memory of the ring that is made next, as its writer has it: no other process can change it."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.map: Any = None
+        for module in (ring, ring_copy):
+            patch.setattr(module, "fill", self._filled)
+
+    def _filled(self, file: int, head: bytes, size: int, *, private: bool) -> Any:
+        made = memory.fill(file, head, size, private=private)
+        if private:  # not that of the clients
+            self.map = made
+        return made
+
+    def places(self, layout: Layout) -> Places:
+        _, _, _, first, _, slots, _, entries, _ = HEADER.unpack_from(self.map)
+        return Places.of(layout, first, slots, entries)
+
+    def slot(self, number: int) -> slice:
+        """The place of a frame, by its number from 0."""
+        _, _, _, first, size, slots, *_ = HEADER.unpack_from(self.map)
+        at = first + number % slots * size
+        return slice(at, at + size)
+
+    def sequence(self, number: int) -> int:
+        """The sequence number in the slot of this frame."""
+        return int(struct.unpack_from("<Q", self.map, self.slot(number).start)[0])
+
+    def set_live(self, place: int, number: int) -> None:
+        """Set a live number by its place (`umo.process.frames.layout.Live`)."""
+        struct.pack_into("<q", self.map, 8 * place, number)
+
+    def set_sequence(self, number: int, sequence: int) -> None:
+        struct.pack_into("<Q", self.map, self.slot(number).start, sequence)
 
 
 def write(ring: Ring, frame: Any, number: int, entries: int) -> None:

@@ -13,7 +13,6 @@ import struct
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from ctypes import c_int32
 from dataclasses import is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -154,7 +153,7 @@ class SideBySide:
         write_folder(files_of(model, whole, HOST), folder)
         library = compiled(folder, "-O0")
         self._c = CompiledMachine(library, model.inputs, len(model.outputs))
-        self._chosen = c_int32.in_dll(self._c._library, "chosen_program")
+        self._chosen = self._c.number("chosen_program")
 
     def play(self, number: int, trials: Sequence[Sequence[Mapping[str, Any]]]) -> Played:
         """One program with these inputs: of each trial the periods, of each period the attributes and `x` that it is
@@ -163,7 +162,9 @@ class SideBySide:
         assert one.translation is not None
         self._chosen.value = number
         kinds = {each.number: each.kind for each in one.translation.faults}
-        memories = [self._c.struct(number * STRUCTS + n, each) for n, each in enumerate(one.translation.structs)]
+        structs = one.translation.structs
+        memories = [self._c.struct(number * STRUCTS + n, each) for n, each in enumerate(structs)]
+        self._owners = {id(memory): each.owner for memory, each in zip(memories, structs, strict=True)}
         kept = Kept(one.program)
         counts = {"periods": 0, "faults": 0, "limits": 0}
         for periods in trials:
@@ -190,7 +191,7 @@ class SideBySide:
         return Played("equal", **counts)
 
     def _begin(self, memories: Sequence[StructMemory]) -> None:
-        self._c._library.machine_init(self._c._machine)
+        self._c.restart()
         self._c.begin([0] * self._model.inputs)
         for each in memories:
             each.push()
@@ -205,9 +206,9 @@ class SideBySide:
                 continue
             setattr(program, name, value)
             for each in memories:
-                if each._struct.owner is program and name in each.fields:
+                if self._owners[id(each)] is program and name in each.fields:
                     each.write(name, value)
-        slot = self._machine.x._slot
+        slot = self._image.slot_of[id(self._machine.x)]
         self._image.columns.values[slot] = float(x)
         self._image.columns.quality[slot] = Quality.GOOD
         python = None
@@ -230,7 +231,7 @@ class SideBySide:
                 return path, pending[path], self._c.pending(place)
         for each in memories:
             for name in each.fields:
-                python, c = getattr(each._struct.owner, name), each.read(name)
+                python, c = getattr(self._owners[id(each)], name), each.read(name)
                 if not same(python, c):
                     return f"{each.path}.{name}", python, c
         return None

@@ -375,7 +375,8 @@ def test_an_invalid_raw_is_a_failed_reading(synchronous: bool, raw: int, lineari
 
     device = thermocouple(linearization=linearization, synchronous=synchronous, invalid_raws=(raw, -32768))
     box, machine = Scripted(), bench(encoder=device)
-    with connect(machine, wired(machine, box)) as m:
+    with (connection := connect(machine, wired(machine, box))) as m:
+        image = connection.image
         for each in (raw, -32768):
             box.set("encoder", 200)
             m.sample()
@@ -385,7 +386,7 @@ def test_an_invalid_raw_is_a_failed_reading(synchronous: bool, raw: int, lineari
             with pytest.raises(DriverError, match=rf"the circuit reports an invalid reading \(raw {each}\); encoder"):
                 m.sample() if synchronous else m.encoder.read()
             assert (m.encoder.raw, m.encoder.quality) == (each, Quality.BAD)
-            assert (m._machine.whole.image.values[m.encoder._slot], m.encoder.time) == good
+            assert (image.values[image.slot_of[id(m.encoder)]], m.encoder.time) == good
 
 
 def test_a_wiring_gives_the_invalid_raws_of_its_circuit() -> None:

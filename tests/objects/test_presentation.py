@@ -159,8 +159,8 @@ def test_a_file_has_all_digits_of_what_has_no_resolution(value: float) -> None:
 def test_from_a_trace_every_raw_integer_comes_back(read: list[int]) -> None:
     m = bench()
     trace, raws = Trace(), []
-    with connect(m, wired(m, Scripted({"encoder": read}), clock=VirtualTimer())) as machine:
-        machine._machine.whole.observers += [trace, lambda frame: raws.append(m.encoder.raw)]
+    with (connection := connect(m, wired(m, Scripted({"encoder": read}), clock=VirtualTimer()))):
+        connection.machine.observers += [trace, lambda frame: raws.append(m.encoder.raw)]
         periods(m, len(read))
     head, *rows = (line.strip().split(",") for line in lines(trace))
     texts = [row[head.index("encoder[mm]")] for row in rows]

@@ -132,7 +132,8 @@ def test_a_reference_without_a_preset_of_the_circuit_moves_the_zero_of_the_senso
         m.one.read()
         assert m.one.quality is UNREF
         m.one.referenced(at=20.0)
-        assert (m.one.raw, m.one.quality, connection.image.values[m.one._slot]) == (1000, GOOD, 20.0)
+        slot = connection.image.slot_of[id(m.one)]
+        assert (m.one.raw, m.one.quality, connection.image.values[slot]) == (1000, GOOD, 20.0)
         box.set("one", 1010)
         period(m)
         assert (m.one.read(), m.one.zero_offset, m.one.quality) == (25.0, -480.0, GOOD)

@@ -134,8 +134,8 @@ def test_what_can_be_done_is_known_before_what_was_asked_for_is_carried_out(
     asked: list[tuple[Operation, set[int]]], then: Operation
 ) -> None:
     box, machine = Scripted(), Plant(timer=timer(), tanks=[Tank(level=sensor(resolution=1.0)) for _ in range(3)])
-    with connect(machine, wired(machine, box)) as m:
-        ann, engine = Operator(m), engine_of(m._machine.whole)
+    with (connection := connect(machine, wired(machine, box))) as m:
+        ann, engine = Operator(m), engine_of(connection.machine)
         box.set("tanks.0.level", 95)
         box.set("tanks.1.level", 85)
         ann.run(3)

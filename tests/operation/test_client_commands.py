@@ -1028,7 +1028,8 @@ def test_guards_hold_for_any_interleaving_of_program_and_clients(steps: list[tup
                 assert rig.m.ram.read() == rig.m.ram.default
             claims = rig.connection.machine.claims
             for actuator_ in (rig.m.ram, rig.m.heater, rig.m.lamp):
-                state, client = rig.connection.image.restrictions[actuator_._slot], claims.client_of(actuator_._slot)
+                slot = rig.connection.image.slot_of[id(actuator_)]
+                state, client = rig.connection.image.restrictions[slot], claims.client_of(slot)
                 assert (state == TAKEN_BY_CLIENT, state in (FREE, ASKED)) == (bool(client), actuator_.inhibited is None)
             now = rig.connection.machine.clock.number
             for path in ("heater", "lamp"):  # only clients write them

@@ -354,7 +354,8 @@ def test_an_error_in_supervise_is_a_fault_of_its_part_and_told_once() -> None:
             if self.part.open:  # type: ignore[attr-defined]
                 raise ValueError("odd")
 
-    with running(Odd) as (m, unit):
+    case = running(Odd)
+    with case as (m, unit):
         unit.reset()
         periods(m)
         unit.start()
@@ -363,7 +364,7 @@ def test_an_error_in_supervise_is_a_fault_of_its_part_and_told_once() -> None:
         m.filler.open = {"x"}
         periods(m, 20)
         assert (unit.state, m.filler.motor.read()) == (S.ABORTED, 0.0)
-        assert sum("odd" in event.text for event in m._machine.whole.events) == 1
+        assert sum("odd" in event.text for event in case.connection.machine.events) == 1
 
 
 def test_a_fault_that_cannot_be_cleared_stays() -> None:
@@ -560,8 +561,9 @@ def test_what_a_sequence_closes_that_was_ended_in_manual_mode_is_not_driven_agai
 
 
 def test_actions_of_a_unit_are_described_in_the_order_of_their_declaration() -> None:
-    with running() as (m, _):
-        names = [path.rpartition(".")[2] for path in m._machine.whole.directory.actions]
+    case = running()
+    with case:
+        names = [path.rpartition(".")[2] for path in case.connection.machine.directory.actions]
     assert names[:7] == ["stop", "abort", "clear", "change_mode", "reset_counters", "reset", "start"]
 
 

@@ -152,13 +152,15 @@ class Watch:
         if self._ann.clients.mode is not Mode.MANUAL:
             return
         for item in self._actuators:
-            away = item._default_value() != self._ann.machine.image.pending[item._slot]
+            image = self._ann.machine.image
+            slot = image.slot_of[id(item)]
+            away = image.columns.defaults[slot] != image.pending[slot]
             charge = (
                 item.when_suspended == "hold"
                 or item is m.fan
                 or (item.path.startswith("x.") and m.x.enabled)
                 or item.path in m.by_actions
-                or bool(self._ann.machine.claims.client_of(item._slot))
+                or bool(self._ann.machine.claims.client_of(slot))
             )
             assert not away or charge, f"{item.path} is driven with nobody in charge"
 
@@ -277,10 +279,10 @@ def test_a_program_that_ends_in_manual_mode_leaves_its_axis_to_the_operator_and_
         for pause, deed in before:
             obey(ann, deed)
             ann.run(pause)
-        there = m.x._motion, m.x.profile.setpoint
+        there = m.x.state, m.x.profile.setpoint
         task.cancel()
-        if there[0] is not None:
-            assert (m.x._motion, m.x.profile.setpoint) == there
+        if there[0] in (AxisState.DISCRETE_MOTION, AxisState.CONTINUOUS_MOTION, AxisState.HOMING):
+            assert (m.x.state, m.x.profile.setpoint) == there
         for pause, deed in after:
             obey(ann, deed)
             ann.run(pause)

@@ -188,13 +188,11 @@ def test_of_a_large_file_the_beginning_and_the_size_count(
     press: Path, monkeypatch: pytest.MonkeyPatch, change: str
 ) -> None:
     monkeypatch.setattr(source_files, "MAX_FILE_BYTES", 10)
-    source_files._digest_of.cache_clear()
     file = press / "large.py"
     file.write_text("0123456789 and more")
     before = source_files.digest_of(str(file))
     file.write_text("0123456789 and much more" if change == "longer" else "0123456780 and more")
     assert source_files.digest_of(str(file)) != before
-    source_files._digest_of.cache_clear()
 
 
 def test_a_file_that_is_gone_is_told_so(press: Path) -> None:

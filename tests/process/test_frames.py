@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from helpers.machines import bench, relay, wired
-from helpers.publishing import running, without_times, write, writer
+from helpers.publishing import RingMemory, running, without_times, write, writer
 from umo import DigitalSensor, connect, published
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.phase_times import PhaseTimes
 from umo.cycle.showing import frame_of
 from umo.errors import DriverError, FramesError
 from umo.objects import described
-from umo.process.frames import Reader, Ring, Stage, rings
+from umo.process.frames import Reader, Ring, Stage, ring, rings
 from umo.process.frames.frame_server import folder
 from umo.process.frames.layout import EVENT_ROW, Layout
 from umo.process.frames.memory import RunDescriptors
@@ -70,13 +70,14 @@ def test_a_frame_is_the_period_as_the_machine_saw_it() -> None:
         assert reader.values(frames[0])["limit"] == "FAIL"
 
 
-def test_the_header_alone_is_enough_to_read_a_frame() -> None:
-    with running(valve=relay(synchronous=False)) as (m, ring, _):
+def test_the_header_alone_is_enough_to_read_a_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = RingMemory(monkeypatch)
+    with running(valve=relay(synchronous=False)) as (m, _, _):
         m.motor.write(7.5)
         periods(m)
         m.valve.write(OnOff.ON)
         periods(m)
-        content = ring._map[:]
+        content = memory.map[:]
     header = struct.unpack_from("<8sIIQQQQQQ", content)
     magic, version, _, first, size, slots, journal, capacity, described = header
     assert (magic, version) == (b"umoframe", 11)
@@ -231,26 +232,29 @@ def test_a_machine_without_asynchronous_traffic_has_small_frames() -> None:
 
 
 @pytest.mark.usefixtures("each_way")
-def test_whoever_looks_while_a_frame_is_being_filled_finds_that_it_is_not_whole() -> None:
+def test_whoever_looks_while_a_frame_is_being_filled_finds_that_it_is_not_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The sequence number of its slot, looked up before and after its body is written."""
-    with running() as (m, ring, connection):
-        periods(m, 3)
-        writes: list[Any] = [ring._write]
-        seen: list[int] = []
+    memory, make, seen = RingMemory(monkeypatch), ring.writer, list[int]()
 
-        def look() -> None:
-            seen.extend(struct.unpack_from("<Q", ring._bytes, ring._first + 3 * ring.slot_bytes))
+    def writer_that_looks(*given: Any) -> Any:
+        write = make(*given)
 
         def looking(*body: Any) -> None:
-            look()
-            writes[0](*body)
-            look()
+            seen.append(memory.sequence(3))
+            write(*body)
+            seen.append(memory.sequence(3))
 
-        ring._write = looking
-        ring(frame_of(connection.machine))
-        writes.clear()  # what it holds includes the file's memory
+        return looking
+
+    monkeypatch.setattr(ring, "writer", writer_that_looks)
+    with running() as (m, frames, connection):
+        periods(m, 3)
+        seen.clear()
+        frames(frame_of(connection.machine))
         assert seen == [7, 7]
-        with Reader(ring.path) as reader:
+        with Reader(frames.path) as reader:
             assert reader.latest()["sequence"] == 8
 
 
@@ -346,13 +350,13 @@ def test_no_torn_frame_at_full_speed() -> None:
         assert kept > 0
 
 
-def test_a_frame_being_written_is_never_returned() -> None:
+def test_a_frame_being_written_is_never_returned(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a reader that ignored the counter would take."""
+    memory = RingMemory(monkeypatch)
     with running() as (m, ring, _):
         periods(m, 3)
-        at = ring._first + 2 * ring.slot_bytes
         with Reader(ring.path) as reader:
-            ring._words[at >> 3] = 5  # frame 2 is being written
+            memory.set_sequence(2, 5)  # it is being written
             assert reader.read()["number"].tolist() == [1, 2]
             assert reader.lost == 1
             assert reader.latest()["number"] == 2
@@ -372,17 +376,18 @@ def test_copies_over_the_end_of_the_ring_are_like_any_other() -> None:
             assert frames["number"].tolist() == list(range(ring.slots + 10 - len(frames), ring.slots + 10))
 
 
-def test_the_last_frame_of_a_ring_that_holds_none_is_none() -> None:
+def test_the_last_frame_of_a_ring_that_holds_none_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = RingMemory(monkeypatch)
     with running() as (m, ring, _), Reader(ring.path) as reader:
         assert reader.latest() is None
         assert len(reader.read()) == len(reader.last(5)) == 0
         periods(m)
-        ring._words[ring._first >> 3] = 0  # damaged
+        memory.set_sequence(0, 0)  # damaged
         assert reader.latest() is None
 
 
-def test_with_checksums_a_flipped_byte_is_noticed() -> None:
-    m = bench()
+def test_with_checksums_a_flipped_byte_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    m, memory = bench(), RingMemory(monkeypatch)
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
         phases = PhaseTimes(connection.image, connection.wired.drivers)
@@ -395,11 +400,11 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
         periods(m, 3)
         with Reader("bench", readers) as reader:
             assert len(reader.last(3)) == 3
-            ring._bytes[ring._first + ring.slot_bytes + 40] ^= 1
+            memory.map[memory.slot(1).start + 40] ^= 1
             assert reader.last(3)["number"].tolist() == [1, 3]
             write(ring, frame_of(connection.machine), 4, 2)
             assert told(reader, reader.latest()) == [("encoder", Kind.WRITE, 4, -4)] * 2
-            ring._bytes[ring._journal_at + 8] ^= 1
+            memory.map[memory.places(layout).journal + 8] ^= 1
             assert reader.journal(reader.latest()) is None
             write(ring, frame_of(connection.machine), 5, 0)
             assert told(reader, reader.latest()) == []
@@ -408,9 +413,9 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
         ends.close()
 
 
-def test_with_checksums_an_event_is_seen_whole_or_not_at_all() -> None:
+def test_with_checksums_an_event_is_seen_whole_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where stores are not ordered its number may be seen before its text: the answer of another command."""
-    m = bench()
+    m, memory = bench(), RingMemory(monkeypatch)
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
         phases = PhaseTimes(connection.image, connection.wired.drivers)
@@ -422,24 +427,27 @@ def test_with_checksums_an_event_is_seen_whole_or_not_at_all() -> None:
         connection.machine.observers.append(ring)
         m.cycle.tell("the first")
         periods(m)
-        row = slice(ring._events_at, ring._events_at + EVENT_ROW.itemsize)
+        at = memory.places(layout).events
+        row = slice(at, at + EVENT_ROW.itemsize)
         with Reader("bench", readers) as reader:
             (event,) = reader.events()
             assert event.event.text == "the first"
-            before = bytes(ring._bytes[row])
+            before = memory.map[row]
             for place in range(8, len(before)):
-                ring._bytes[row.start + place] ^= 1
+                memory.map[row.start + place] ^= 1
                 assert reader.events() == []
-                ring._bytes[row] = before
+                memory.map[row] = before
             assert reader.events() == [event]
         connection.machine.observers.remove(ring)
         ring.close()
         ends.close()
 
 
-def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame() -> None:
+def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """On a processor with weakly ordered stores the new sequence number may be seen before the frame behind it."""
-    m = bench()
+    m, memory = bench(), RingMemory(monkeypatch)
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
         phases = PhaseTimes(connection.image, connection.wired.drivers)
@@ -450,11 +458,13 @@ def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         with Reader("bench", readers) as reader:
             write(ring, frame_of(connection.machine), 0, 0)
-            stale = bytes(ring._bytes[ring._first + 8 : ring._first + ring.slot_bytes])
+            slot = memory.slot(0)
+            body = slice(slot.start + 8, slot.stop)  # without the sequence number
+            stale = memory.map[body]
             for number in range(1, ring.slots + 1):
                 write(ring, frame_of(connection.machine), number, 0)
             assert reader.latest()["number"] == ring.slots
-            ring._bytes[ring._first + 8 : ring._first + ring.slot_bytes] = stale
+            memory.map[body] = stale
             assert reader.latest()["number"] == ring.slots - 1
         ring.close()
 
@@ -526,16 +536,18 @@ def test_a_ring_that_cannot_be_made_leaves_nothing_behind(calls: list[str], monk
 # What cannot be attached to, or published ---------------------------------------------------------------
 
 
-def test_a_ring_of_another_version_is_refused_with_a_sentence() -> None:
+def test_a_ring_of_another_version_is_refused_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = RingMemory(monkeypatch)
     with running() as (_, ring, _connection):
-        ring._map[8] = 12
+        memory.map[8] = 12
         with pytest.raises(FramesError, match="frames of version 12, this umo reads version 11"):
             Reader(ring.path)
 
 
-def test_a_damaged_description_is_refused() -> None:
+def test_a_damaged_description_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = RingMemory(monkeypatch)
     with running() as (_, ring, _connection):
-        ring._map[300] ^= 4
+        memory.map[300] ^= 4
         with pytest.raises(FramesError, match="is damaged"):
             Reader(ring.path)
 
@@ -555,9 +567,10 @@ def test_what_is_no_ring_is_refused(tmp_path: Path, content: bytes) -> None:
         Reader(path)
 
 
-def test_a_ring_that_is_cut_short_is_refused(tmp_path: Path) -> None:
-    with running() as (_, ring, _connection):
-        content = ring._map[:]
+def test_a_ring_that_is_cut_short_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = RingMemory(monkeypatch)
+    with running():
+        content = memory.map[:]
     path = tmp_path / "x.frames"
     path.write_bytes(content[: len(content) // 2])
     with pytest.raises(FramesError, match="is truncated"):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import os
 import select
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
 from types import SimpleNamespace
@@ -184,12 +186,26 @@ def test_only_what_was_waited_for_in_vain_is_told_as_blocked(monkeypatch: pytest
 # A guardian short of everything ---------------------------------------------------------------------------
 
 
+def no_fork(patch: pytest.MonkeyPatch, when: Callable[[], bool] = lambda: True) -> None:
+    """There is no room for another process."""
+    fork = calls.fork
+
+    def refused() -> int:
+        if when():
+            raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+        return fork()
+
+    patch.setattr(calls, "fork", refused)
+
+
 def test_without_a_child_the_guardian_resets_the_machine_itself(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    full = tmp_path / "full"
     monkeypatch.setattr(Resetter, "stand_by", lambda self, first=True: None)
-    monkeypatch.setattr(Resetter, "_begin", lambda self, numbers: False)
+    no_fork(monkeypatch, full.exists)
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    full.touch()
     os.kill(run.control, signal.SIGKILL)
     outcome = run.outcome()
     assert outcome.failure is not None
@@ -246,7 +262,7 @@ def test_a_driver_that_hangs_in_the_guardian_itself_is_interrupted(
     machine = process_box.machine()
     wired_up = resolve(machine, process_box.wiring(tmp_path / "box", at=2, action="hang"))
     resetter = Resetter(machine, wired_up)
-    monkeypatch.setattr(Resetter, "_begin", lambda self, numbers: False)
+    no_fork(monkeypatch)
     cells.numbers[process_box.LEVELS] = 500
     assert resetter.reset(5.0) == {}
     assert_safe(cells)
@@ -398,7 +414,7 @@ def test_the_guardian_too_resets_a_second_time_when_what_was_under_way_is_over(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine, waited = process_box.machine(), []
-    monkeypatch.setattr(Resetter, "_begin", lambda self, numbers: False)
+    no_fork(monkeypatch)
     wired_up = resolve(machine, process_box.wiring(tmp_path / "box", timeout="300 ms"))
 
     def late(seconds: float, pause: object, on_call: object) -> None:
@@ -715,7 +731,7 @@ def test_a_child_on_standby_that_fails_by_itself_is_not_forked_again_and_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"))
-    monkeypatch.setattr(resetter, "_wait_for_work", lambda: 1)
+    monkeypatch.setattr(resetter, "takes_place", lambda within: sys.exit(1))
     resetter.stand_by()
     os.waitid(os.P_PID, resetter.reserve, os.WEXITED | os.WNOWAIT)
     assert not resetter.look()
@@ -752,11 +768,6 @@ def test_what_stands_behind_many_that_do_not_answer_is_tried_as_well(tmp_path: P
     Cells(tmp_path / "box").numbers[process_box.LEVELS] = 1
     assert resetter.reset(0.5) == dict.fromkeys(resetter.paths[:3], f"box (file {tmp_path}/box): slot gone")
     assert Cells(tmp_path / "box").levels["motor"] == 0
-
-
-def test_what_was_not_tried_is_said_to_be_so(tmp_path: Path) -> None:
-    resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"))
-    assert set(resetter._left().values()) == {"not tried: its driver did not answer in time"}
 
 
 @pytest.mark.usefixtures("impatient")
@@ -801,17 +812,6 @@ def test_a_reset_needs_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyP
     resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"), guard=refused)
     assert resetter.reset(0.0) == {}
     assert_safe(Cells(tmp_path / "box"))
-
-
-def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) -> None:
-    """A device that frees its one connection late was kept busy by the reconnecting."""
-    machine = process_box.machine()
-    resetter = Resetter(machine, resolve(machine, process_box.wiring(tmp_path / "box", timeout="100 ms")))
-    found = []
-    for _ in range(5):
-        found.append(resetter._timeout("box"))
-        resetter._attempt_number += 1
-    assert found == [0.1, 0.4, 1.6, 3.0, 3.0]
 
 
 def test_a_board_keeps_what_was_reached_and_why_not() -> None:

@@ -72,6 +72,10 @@ class Device(Driver):
     answered: list[float] = field(default_factory=list)
     """When it has carried out a reset, s."""
     began: float = 1000.0
+    opened: list[float] = field(default_factory=list)
+    """When it was opened, or was to be: once in each attempt, s."""
+    timeouts: list[float] = field(default_factory=list)
+    """Its timeouts then, s."""
     _opened: float = 0.0
 
     def channel(self, text: str) -> Channel:
@@ -83,6 +87,8 @@ class Device(Driver):
 
     def open(self) -> None:
         self._opened = self.time.now
+        self.opened.append(self.time.now)
+        self.timeouts.append(self.timeout)
         self._called()
 
     def _called(self) -> None:
@@ -127,6 +133,10 @@ def resetter_of(*devices: Device, each: int) -> Resetter:
     return Resetter(machine, wired)
 
 
+def no_room() -> int:
+    raise BlockingIOError("no room for another process")
+
+
 @pytest.fixture(scope="module")
 def time() -> Iterator[Time]:
     """In place of the clocks of whoever resets, which works in this process."""
@@ -136,7 +146,7 @@ def time() -> Iterator[Time]:
         patch.setattr(segments, "sleep", time.sleep)
         patch.setattr(calls, "now", time)
         patch.setattr(calls, "sleep", time.sleep)
-        patch.setattr(Resetter, "_begin", lambda resetter, numbers: False)
+        patch.setattr(calls, "fork", no_room)
         yield time
 
 
@@ -150,16 +160,13 @@ def test_nothing_stays_driven_on_a_device_that_answered_before_the_end(
     time: Time, outages: list[Outage], each: int
 ) -> None:
     devices = [Device(time, [outage], began=time.now) for outage in outages]
-    resetter, begun = resetter_of(*devices, each=each), list[float]()
-    run = resetter._run
-    resetter._run = lambda *all_: (begun.append(time.now), run(*all_))[1]  # type: ignore[method-assign]
-    left = resetter.reset(RESET_FOR)
+    left = resetter_of(*devices, each=each).reset(RESET_FOR)
     driven = {f"outs.{text}" for device in devices for text, level in device.levels.items() if level}
     assert driven <= set(left)  # nothing is told as reset that is not
     for device in devices:
         (outage,) = device.outages
         answers_for = time.now - device.began - outage.start - outage.length
-        if answers_for >= ANSWERED_FOR or (device.answered and device.answered[-1] >= begun[-1]):
+        if answers_for >= ANSWERED_FOR or (device.answered and device.answered[-1] >= device.opened[-1]):
             assert not any(device.levels.values()), f"driven, though it has answered for {answers_for:.2f} s"
 
 
@@ -174,6 +181,27 @@ def test_a_dead_device_ends_the_attempts(time: Time) -> None:
     device = Device(time, [Outage(-1.0, 1e9, "silent", breaks=False)], began=time.now)
     assert len(resetter_of(device, each=3).reset(RESET_FOR)) == 3
     assert time.now - device.began < RESET_FOR + 2 * segments.UNCONTROLLED_TIMEOUT + 1.0
+
+
+def test_a_silent_device_gets_more_time_from_attempt_to_attempt(time: Time) -> None:
+    """A device that frees its one connection late was kept busy by the reconnecting."""
+    device = Device(time, [Outage(-1.0, 1e9, "silent", breaks=False)], began=time.now)
+    said = list[str]()
+    resetter_of(device, each=2).reset(20.0, said=said.append)
+    assert device.timeouts[:5] == [0.1, 0.4, 1.6, 3.0, 3.0]
+    assert device.timeouts[-1] == 0.1
+    assert [text.partition(": ")[0] for text in said] == ["not reached yet, retrying for up to 20 s"]
+
+
+def test_what_was_not_tried_is_said_to_be_so(time: Time) -> None:
+    class Opens(Device):
+        def open(self) -> None:
+            self.opened.append(self.time.now)
+
+    said = list[str]()
+    resetter_of(Opens(time, [Outage(-1.0, 1e9, "silent", False)], began=time.now), each=2).reset(1.0, said=said.append)
+    assert "outs.0: d0 (device" in said[0]
+    assert "outs.1: not tried: its driver did not answer in time" in said[0]
 
 
 def test_the_attempts_of_a_reset_in_this_process_have_an_end(time: Time, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ from umo.drivers.optional import WaitEnded
 from umo.objects.stop_order import stop_sequence
 from umo.process import reset
 from umo.process.reset import Resetter
-from umo.system import folders, processes
+from umo.system import calls, folders, processes
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring import resolve
 
@@ -189,15 +189,19 @@ def test_in_a_loop_of_ones_own_the_timer_gives_minus_1_after_a_stop() -> None:
 
 def test_whoever_resets_after_a_death_writes_every_default_three_times(monkeypatch: pytest.MonkeyPatch) -> None:
     """At once, when the connections of the dead process are closed, and when its pending requests are over."""
+
+    def no_room() -> int:
+        raise BlockingIOError("no room for another process")
+
     machine, board, waited = bench(), Board("three times"), list[float]()
-    monkeypatch.setattr(Resetter, "_begin", lambda self, numbers: False)
+    monkeypatch.setattr(calls, "fork", no_room)
     monkeypatch.setattr(reset, "wait_for", lambda seconds, pause, on_call: waited.append(seconds))
     resetter = Resetter(machine, resolve(machine, on(board, machine)))
     assert resetter.reset(5.0) == {}
     outputs = ("motor", "valve")
-    calls = [call for call in board.calls if call.segment in ("initialize", "reset") and call.channels[0] in outputs]
-    assert [call.channels[0] for call in calls] == [*outputs] * 3
-    assert [call.segment for call in calls[::2]] == ["initialize", "reset", "reset"]
+    made = [call for call in board.calls if call.segment in ("initialize", "reset") and call.channels[0] in outputs]
+    assert [call.channels[0] for call in made] == [*outputs] * 3
+    assert [call.segment for call in made[::2]] == ["initialize", "reset", "reset"]
     assert len(waited) == 1
 
 

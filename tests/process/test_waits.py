@@ -10,28 +10,31 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
 
 from helpers import process_box
+from helpers.begun_programs import programs_begun
 from helpers.own_modules import own_modules
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe
 from helpers.waiting import until
 from tools import compiled_machine
+from umo import Compound
 from umo.commissioning.latency import loop, native
 from umo.errors import DeclarationError, DriverError, OptionError
 from umo.generate import law_library
 from umo.operation.alarms import alarm_file
-from umo.process import control_process, kept_file, run_state
+from umo.process import control_process, keeper, kept_file, run_state
 from umo.process.control_process import Control
 from umo.process.job import Job
-from umo.process.keeper import Keeper
 from umo.process.run_state import RunState, Who
-from umo.process.start import Started
+from umo.process.start import RunFailed, Started
 from umo.recording.replay import closed_loop, snapshots
 from umo.system import calls, processes
 from umo.text import UMO
@@ -137,7 +140,8 @@ def test_a_keeper_that_is_stopped_as_it_begins_is_told_and_tried_again(
 ) -> None:
     monkeypatch.setattr(RunState, "hold", lambda state, who: stop_myself())
     said: list[str] = []
-    Keeper(tmp_path / "kept.json", Mock(), RunState(), said.append)._fork(Mock())
+    monkeypatch.setattr(keeper, "sections_of", lambda layout: ["something"])
+    keeper.Keeper(tmp_path / "kept.json", Mock(), RunState(), said.append).look(Mock())
     why = "a process that was forked was stopped by a signal before it had begun"
     assert said == [f"nothing is kept: {why}; umo tries again"]
 
@@ -231,7 +235,8 @@ def test_a_guardian_in_a_stations_own_code_is_ended_by_a_stop(
     machine = Started(Job(machine="endless:machine", application="endless:machine", path=[str(tmp_path), *sys.path]))
     until(ready.exists)
     outcome = machine.stop()
-    machine._channel.close()
+    with suppress(RunFailed), machine:  # closes what is left
+        pass
     if kind == "ValueError":
         assert outcome.status == 128 + signal.SIGTERM
         (notice,) = machine.notices
@@ -246,8 +251,9 @@ def test_a_guardian_that_is_stopped_before_it_admits_the_control_process_is_not_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(control_process, "ADMISSION_TIMEOUT", 0.05)
-    control = Control.__new__(Control)
-    control._run_state = state = RunState()
+    state, unlimited = RunState(), SimpleNamespace(process=SimpleNamespace(hang_timeout=60.0), watchdogs={})
+    plan: Any = SimpleNamespace(machine=Compound(), wired=unlimited)
+    control = Control(plan, Mock(), state, Mock(), 0, None)
     guardian = os.fork()
     if guardian == 0:
         state.hold(Who.GUARDIAN)
@@ -303,8 +309,9 @@ def test_kept_values_wait_for_no_keeper_that_is_stopped(tmp_path: Path, monkeypa
 def test_a_query_waits_for_no_recorder_that_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     query = pytest.importorskip("umo.clients.fleet.fleet_query")
     monkeypatch.setattr(query, "MERGING_TIMEOUT", 0.02)
+    (tmp_path / "values").mkdir()
     with held_by_a_stopped_process(tmp_path / query.MERGING), pytest.raises(OptionError, match="it may be stopped"):
-        query._unmerged(tmp_path).__enter__()
+        query.asked(tmp_path, "SELECT 1").__enter__()
 
 
 def test_a_compiler_that_is_stopped_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -315,32 +322,35 @@ def test_a_compiler_that_is_stopped_is_ended(tmp_path: Path, monkeypatch: pytest
         monkeypatch.setattr(module, "COMPILE_TIMEOUT", 0.1)
     monkeypatch.setattr(compiled_machine, "compiler", lambda: str(cc))
     monkeypatch.setattr(native, "compiler", lambda: str(cc))
+    monkeypatch.setattr(law_library, "compiler", lambda: str(cc))
     with pytest.raises(DeclarationError, match="timed out"):
         compiled_machine.compiled(tmp_path)
     with pytest.raises(DeclarationError, match="timed out"):
-        law_library._version(str(cc))
+        law_library.library_of("")
     with native.compiled() as program:
         assert program is None
 
 
 @pytest.mark.slow
 def test_a_measuring_process_that_is_stopped_ends_the_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = programs_begun(monkeypatch)
     measuring = loop.Loop(0.001)
     monkeypatch.setattr(native, "SLICE_MARGIN", 0.1)
-    os.kill(measuring._process.pid, signal.SIGSTOP)
+    begun[0].send_signal(signal.SIGSTOP)
     with closing(measuring), pytest.raises(DriverError, match="it may have been stopped"):
         measuring.run(20)
-    assert measuring._process.returncode is not None
+    assert begun[0].returncode is not None
 
 
 def test_a_snapshot_that_is_stopped_as_it_begins_is_done_without(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(snapshots, "BEGIN_TIMEOUT", 0.05)
-    monkeypatch.setattr(snapshots.Runner, "_wait", lambda *given: stop_myself())
-    runner = snapshots.Runner.__new__(snapshots.Runner)
-    runner._children, runner.known, runner._link = [], {}, Mock()
+    mine, forked, fork = os.getpid(), list[int](), os.fork
+    monkeypatch.setattr(snapshots.Link, "to", lambda address: Mock() if os.getpid() == mine else stop_myself())
+    monkeypatch.setattr(os, "fork", lambda: forked.append(fork()) or forked[-1])
+    runner = snapshots.Runner("nowhere")
     runner.snapshot(5, 0.005)
     assert runner.known == {}
-    assert processes.state(runner._children[0]) == "X"
+    assert processes.state(forked[0]) == "X"
 
 
 def test_a_trial_that_is_stopped_counts_as_one_without_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -361,12 +371,11 @@ STOPPED = ("sh", "-c", "kill -STOP $$")
 
 def test_faces_that_are_stopped_do_not_keep_a_run_from_ending(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(faces_beside, "END_TIMEOUT", 0.05)
+    begun = programs_begun(monkeypatch)
     with faces_beside.FacesBeside("rig.toml", {"lamp": {}}, command=STOPPED) as beside:
         beside.look(1, [])
-        process = beside._process
-        assert process is not None
-        until(lambda: processes.ProcessHandle(process.pid).is_stopped)
-    assert process.returncode == -signal.SIGKILL
+        until(lambda: processes.ProcessHandle(begun[0].pid).is_stopped)
+    assert begun[0].returncode == -signal.SIGKILL
 
 
 def test_a_recorder_that_is_stopped_keeps_a_run_neither_from_beginning_nor_from_ending(
@@ -374,11 +383,10 @@ def test_a_recorder_that_is_stopped_keeps_a_run_neither_from_beginning_nor_from_
 ) -> None:
     monkeypatch.setattr(record_beside, "START_TIMEOUT", 0.05)
     monkeypatch.setattr(record_beside, "END_TIMEOUT", 0.05)
+    begun = programs_begun(monkeypatch)
     with record_beside.RecordBeside(record_beside.RecordOrder(Path("x.mcap"), {}), STOPPED) as beside:
-        process = beside._process
-        assert process is not None
-        until(lambda: processes.ProcessHandle(process.pid).is_stopped)
-    assert process.returncode == -signal.SIGKILL
+        until(lambda: processes.ProcessHandle(begun[0].pid).is_stopped)
+    assert begun[0].returncode == -signal.SIGKILL
     assert not beside.complete
     assert "the recorder has ended (signal 9); the data that it had not written are lost" in capsys.readouterr().err
 

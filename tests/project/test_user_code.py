@@ -248,7 +248,7 @@ def test_a_clients_write_is_refused_by_a_linearization_that_fails() -> None:
     with connection as m:
         curve.broken = True
         with pytest.raises(ZeroDivisionError):
-            connection.image.command(m.bent._slot, 5.0, Source.CLIENT)
+            connection.image.command(connection.image.slot_of[id(m.bent)], 5.0, Source.CLIENT)
         periods(m)
         assert m.bent.read() == 1.0
 
@@ -395,9 +395,10 @@ def test_a_wrong_result_is_told_by_its_type_and_is_not_written_out_in_every_peri
         def interlocks(self) -> Iterator[Interlock]:
             yield Interlock(lambda: Large(), [self.motor], "it must not")
 
-    with connect(Guarded(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())) as m:
+    machine = Guarded(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())
+    with (connection := connect(machine)) as m:
         periods(m, 5)
-        told = [event.text for event in m._machine.whole.events if event.path == "odd"]
+        told = [event.text for event in connection.machine.events if event.path == "odd"]
         assert "it gives an object of the type list, which is not True or False" in told[0]
         assert "it gives an object of the type Large, which" in str(m.motor.inhibited)
     assert Large.shown == 0

@@ -15,6 +15,7 @@ import pytest
 from rich.console import Console
 from typer.testing import Result
 
+from helpers.begun_programs import is_noted_as_ended, programs_begun
 from helpers.machines import bench, wired
 from helpers.waiting import until
 from umo import connect, published
@@ -272,16 +273,16 @@ def test_a_run_in_real_time_is_recorded_from_period_0_to_its_end(
 @pytest.mark.slow
 @pytest.mark.full
 def test_a_recorder_that_is_killed_is_told_and_the_run_goes_on(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = tmp_path / "run.mcap"
+    file, begun = tmp_path / "run.mcap", programs_begun(monkeypatch)
     with RecordBeside(RecordOrder(file, record_of({}).plain)) as beside, Started(conveyor()) as started:
         until(lambda: (started.poll(), started.frames)[1])
-        assert started.frames is not None and beside._process is not None
+        assert started.frames is not None
         beside.attach(started.frames)
         until(lambda: file.exists() and file.stat().st_size > 60_000)
-        os.kill(beside._process.pid, signal.SIGKILL)
-        until(lambda: (beside.look(), beside._process is None)[1])
+        begun[0].kill()
+        until(lambda: (beside.look(), is_noted_as_ended(begun[0]))[1])
         head = started.frames.head
         until(lambda: started.frames is not None and started.frames.head > head)
         assert "the recorder has ended (signal 9); the machine runs on" in capfd.readouterr().err.replace("\n", " ")
@@ -290,9 +291,12 @@ def test_a_recorder_that_is_killed_is_told_and_the_run_goes_on(
         assert len(recording.frames()) > 100 and recording.replayable_from is None
 
 
-def test_a_recorder_that_cannot_start_keeps_no_run_from_starting(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_recorder_that_cannot_start_keeps_no_run_from_starting(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = programs_begun(monkeypatch)
     with RecordBeside(RecordOrder(Path("x.mcap"), {}), ["/bin/false"]) as beside:
-        until(lambda: (beside.look(), beside._process is None)[1])
+        until(lambda: (beside.look(), is_noted_as_ended(begun[0]))[1])
     with RecordBeside(RecordOrder(Path("x.mcap"), {}), ["/nowhere"]) as never:
         pass
     told = capfd.readouterr().err.replace("\n", " ")

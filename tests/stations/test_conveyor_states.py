@@ -32,8 +32,9 @@ WHILE_SORTING = (S.HOLDING, S.HELD, S.UNHOLDING, S.SUSPENDING, S.SUSPENDED, S.UN
 class Sorted:
     """A conveyor on which the application runs, its plant, and what an operator does."""
 
-    def __init__(self, m: Conveyor, plant: Plant, options: dict[str, Any]) -> None:
-        self.m, self.plant, self.unit = m, plant, m.sorter.unit
+    def __init__(self, connection: connect[Conveyor], plant: Plant, options: dict[str, Any]) -> None:
+        m = connection.root
+        self.connection, self.m, self.plant, self.unit = connection, m, plant, m.sorter.unit
         self.parts = options["parts"]
         self.task = m.cycle.start(main(m, **options))
 
@@ -47,7 +48,7 @@ class Sorted:
     @property
     def cause(self) -> str:
         """Why nothing is sorted. A signal to the process of the tests stops every machine in it."""
-        stop = self.m._machine.whole.stop
+        stop = self.connection.stop
         return f"this process got the signal {stop.signal}" if stop.requested else self.m.sorter.cause
 
     def to(self, command: str, *states: PackMLState) -> None:
@@ -109,10 +110,10 @@ class Sorted:
 def sorting(*, faults: Any = (), parts: int = 8, more: int = 0, **options: Any) -> Iterator[Sorted]:
     """A sorter that has begun to sort; `more` parts come than were ordered."""
     connection = connect(machine(), SIMULATED, parts=parts + more, seed=1, faults=faults)
-    with connection as m:
+    with connection:
         plant = connection.driver("plant")
         assert isinstance(plant, Plant)
-        run = Sorted(m, plant, {"parts": parts} | options)
+        run = Sorted(connection, plant, {"parts": parts} | options)
         run.until(S.STARTING)
         yield run
 
@@ -218,7 +219,7 @@ def test_without_parts_the_sorter_suspends_itself_tells_it_and_goes_on_when_part
         run.until(S.SUSPENDED)
         assert (len(run.plant.accepted) + len(run.plant.rejected), run.m.sorter.waits) == (2, True)
         assert run.m.sorter.cause == "no part came on 500 mm of belt"
-        alarms = engine_of(run.m._machine.whole)
+        alarms = engine_of(run.connection.machine)
         assert alarms is not None
         number = alarms.paths.index("sorter.no parts")
         periods(run.m, 4_900)
@@ -248,7 +249,7 @@ def test_a_jam_is_an_alarm_until_it_is_cleared() -> None:
     with sorting(faults=["jam"], patience=100.0) as run:
         run.until(S.ABORTED)
         periods(run.m, 2)
-        alarms = engine_of(run.m._machine.whole)
+        alarms = engine_of(run.connection.machine)
         assert alarms is not None
         number = alarms.paths.index("sorter.jam")
         assert AlarmState(alarms.states[number]) is AlarmState.UNACKNOWLEDGED
@@ -311,8 +312,9 @@ def test_a_client_gives_the_commands() -> None:
 
 
 def test_the_counts_and_the_bin_are_kept_over_a_restart() -> None:
-    with connect(machine(), SIMULATED) as m:
-        assert set(m._machine.whole.directory.kept) == {"sorter.in_bin", "sorter.unit.produced", "sorter.unit.rejected"}
+    with (connection := connect(machine(), SIMULATED)):
+        kept = set(connection.machine.directory.kept)
+        assert kept == {"sorter.in_bin", "sorter.unit.produced", "sorter.unit.rejected"}
 
 
 def test_parts_that_lie_on_the_belt_at_the_first_start_are_pushed_onto_the_chute() -> None:

@@ -13,6 +13,7 @@ import pytest
 import umo
 from helpers.operator import Operator
 from helpers.tiers import first
+from umo.control.axis_state import AxisState
 from umo.cycle.events import CommandState
 from umo.operation.commands.client_commands import Mode
 from umo.states import OnOff
@@ -85,7 +86,7 @@ def test_a_part_in_the_air_is_held_in_manual_mode_and_placed_afterwards() -> Non
         assert refused.state is CommandState.REFUSED
         assert "the application left it at 80000 µm; move it back (`z.move_to`)" in refused.text
         assert ann.call("z.move_to", position=80_000.0).state is CommandState.BEGUN
-        ann.until(lambda: ann.m.z._motion is None)
+        ann.until(lambda: ann.m.z.state is AxisState.STANDSTILL)
         assert ann.mode("automatic").state is CommandState.DONE
         ann.assert_placed()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import signal
@@ -26,8 +27,18 @@ ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
 NOBODY = 65534
 
 
+FILE = hashlib.sha256(DEVICE.encode()).hexdigest()[:24] + device_record.SUFFIX
+"""The name of its record, the same of all users and versions of umo."""
+
+
+def own_folder() -> Path:
+    folder = device_record.state_folder() / device_record.FOLDER
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
 def own_file() -> Path:
-    return device_record._folder() / device_record._file(DEVICE)
+    return own_folder() / FILE
 
 
 def test_a_record_stands_from_the_start_to_the_safe_end() -> None:
@@ -37,7 +48,7 @@ def test_a_record_stands_from_the_start_to_the_safe_end() -> None:
     assert (ended.state, ended.station, ended.wiring, ended.device) == ("running", "press", "bench", DEVICE)
     run.finish()
     assert standing(DEVICE) == []
-    assert list(device_record._folder().iterdir()) == []
+    assert list(own_folder().iterdir()) == []
 
 
 def test_an_unsafe_end_is_told_to_the_next_start_until_it_is_acknowledged() -> None:
@@ -262,7 +273,7 @@ def others(state: str = "stopped", name: str = f"{folders.PREFIX}{NOBODY}") -> P
     folder = folders.lasting() / name / device_record.FOLDER
     folder.mkdir(parents=True)
     content = {"device": DEVICE, "station": "theirs", "wiring": "", "state": state, "when": 1.0, "id": "abc"}
-    file = folder / device_record._file(DEVICE)
+    file = folder / FILE
     file.write_text(json.dumps(content))
     for path in (folder.parent, folder, file):
         os.chown(path, NOBODY, NOBODY)
@@ -332,7 +343,7 @@ def test_another_user_reads_this_users_record_and_takes_none_that_is_hidden_for_
         os.chmod(place, 0o1777)
         monkeypatch.setenv("UMO_STATE", place)
         DeviceRecord([DEVICE], "press", "").begin(False)
-        device_record._folder().chmod(mode)
+        own_folder().chmod(mode)
         child = os.fork()
         if child == 0:
             os.setuid(NOBODY)
@@ -347,7 +358,7 @@ def test_a_record_that_cannot_be_written_leaves_no_file(monkeypatch: pytest.Monk
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(UmoError, match="No space left"):
         DeviceRecord([DEVICE], "press", "bench").begin(False)
-    assert list(device_record._folder().iterdir()) == []
+    assert list(own_folder().iterdir()) == []
 
 
 def test_a_start_that_is_interrupted_while_it_is_recorded_leaves_no_record(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -360,4 +371,4 @@ def test_a_start_that_is_interrupted_while_it_is_recorded_leaves_no_record(monke
     monkeypatch.setattr(os, "fsync", interrupted)
     with pytest.raises(KeyboardInterrupt):
         DeviceRecord([DEVICE, "bus 2"], "press", "bench").begin(False)
-    assert list(device_record._folder().iterdir()) == []
+    assert list(own_folder().iterdir()) == []

@@ -6,6 +6,7 @@ other. That is more than any processor does, and contains a writer that is kille
 
 from __future__ import annotations
 
+import mmap
 from random import Random
 from typing import Any
 
@@ -44,7 +45,8 @@ def test_a_reader_of_banks_sees_a_whole_state_or_keeps_the_last_one(seeds: int) 
     for seed in range(seeds):
         random = Random(seed)
         memory, cells, writer = bank_memory()
-        reader = Banks(memory.copy(), cells.copy(), Cell.ARRIVED, np.full(SHAPE, NO_TIME))
+        seen, seen_cells = memory.copy(), cells.copy()
+        reader = Banks(seen, seen_cells, Cell.ARRIVED, np.full(SHAPE, NO_TIME))
         images, counts = [memory.copy()], [0]
         posted = {0: np.full(SHAPE, NO_TIME)}
         for number in range(1, random.randint(2, 6)):
@@ -54,12 +56,10 @@ def test_a_reader_of_banks_sees_a_whole_state_or_keeps_the_last_one(seeds: int) 
             counts.append(int(cells[Cell.ARRIVED]))
         last = 0
         for _ in range(4):
-            shown = mixed(random, images)
-            reader._banks = [half.data for half in shown.reshape(2, -1)]
-            reader._cells = {Cell.ARRIVED: random.choice(counts)}  # type: ignore[assignment]
+            seen[:], seen_cells[Cell.ARRIVED] = mixed(random, images), random.choice(counts)
             count, rows = reader.read()
             assert (rows == posted[count]).all(), f"a torn bank was taken for whole (seed {seed})"
-            assert count in (last, reader._cells[Cell.ARRIVED])
+            assert count in (last, seen_cells[Cell.ARRIVED])
             last = count
 
 
@@ -77,9 +77,9 @@ def test_a_writer_that_ends_after_any_store_leaves_a_whole_bank() -> None:
         for stored in range(len(order) + 1):
             shown = before.copy()
             shown[order[:stored]] = after[order[:stored]]
-            reader = Banks(np.zeros_like(memory), np.zeros_like(cells), Cell.ARRIVED, old)
-            reader._banks = [half.data for half in shown[: memory.size].reshape(2, -1)]
-            reader._cells = shown[memory.size :].data
+            seen, seen_cells = np.zeros_like(memory), np.zeros_like(cells)
+            reader = Banks(seen, seen_cells, Cell.ARRIVED, old)
+            seen[:], seen_cells[:] = shown[: memory.size], shown[memory.size :]
             rows = reader.read()[1]
             assert (rows == old).all() or (rows == new).all()
             assert stored < len(order) or (rows == new).all()
@@ -112,33 +112,43 @@ def test_a_text_that_has_no_room_is_refused_and_the_one_before_stands() -> None:
     assert text.get() == (3, b"12345678")
 
 
+def memories(patch: pytest.MonkeyPatch) -> list[mmap.mmap]:
+    """The shared memories that are made from now on."""
+    made, make = list[mmap.mmap](), mmap.mmap
+    patch.setattr(mmap, "mmap", lambda *given: made.append(make(*given)) or made[-1])
+    return made
+
+
 @pytest.mark.parametrize("seeds", first(1, [40, 2000]))
-def test_a_request_and_an_answer_are_seen_whole_or_not_yet(seeds: int) -> None:
+def test_a_request_and_an_answer_are_seen_whole_or_not_yet(seeds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A request whose number was seen before its text gave one that nobody had made: another channel, another value."""
-    box = Scripted()
+    box, made_memory = Scripted(), memories(monkeypatch)
     for seed in range(seeds):
         random = Random(seed)
-        control = Exchange([box.channel("a"), box.channel("b")], shared=False)
-        worker = Exchange([box.channel("a"), box.channel("b")], shared=False)
-        images, made = [np.frombuffer(bytes(control._memory), np.uint8)], [None]
+        control = Exchange([box.channel("a"), box.channel("b")])
+        worker = Exchange([box.channel("a"), box.channel("b")])
+        mine, seen = made_memory[-2:]
+        images, made = [np.frombuffer(mine[:], np.uint8)], [None]
         for number in range(1, random.randint(2, 5)):
             request = {"call": "write", "channel": random.choice("ab"), "raw": random.randrange(3)}
             control.ask(request)
             made.append((number, request))  # type: ignore[arg-type]
-            images.append(np.frombuffer(bytes(control._memory), np.uint8))
+            images.append(np.frombuffer(mine[:], np.uint8))
         for _ in range(5):
-            worker._memory[:] = mixed(random, images).tobytes()
+            seen[:] = mixed(random, images).tobytes()
             assert worker.asked() in made
 
 
-def test_the_report_of_a_process_that_was_killed_within_it_is_none() -> None:
+def test_the_report_of_a_process_that_was_killed_within_it_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = memories(monkeypatch)
     state, shown = RunState(), RunState()
+    mine, seen = made
     state.report(b'{"status": 1}')
-    whole = bytes(state._memory[REPORT_AT:OUTCOME_AT])
+    whole = mine[REPORT_AT:OUTCOME_AT]
     for seed in range(200):
         random = Random(seed)
         images = [np.zeros(len(whole), np.uint8), np.frombuffer(whole, np.uint8)]
-        shown._memory[REPORT_AT:OUTCOME_AT] = mixed(random, images).tobytes()
+        seen[REPORT_AT:OUTCOME_AT] = mixed(random, images).tobytes()
         assert shown.reported() in (b"", b'{"status": 1}')
     state.report(bytes(2 * MAX_REPORT_BYTES))
     assert state.reported() == b""

@@ -179,7 +179,8 @@ class Network:
 
     is_up = True
 
-    def __init__(self, *given: Any) -> None:
+    def __init__(self, address: Any, name: Any, will: Any, topics: Any, came_up: Callable[[], None], *_: Any) -> None:
+        self.came_up = came_up
         self.told: list[str] = []
         self.room = 1000
 
@@ -212,10 +213,13 @@ def changed(*places: int, stale: int = -1) -> Changes:
 
 
 async def begun(monkeypatch: pytest.MonkeyPatch) -> tuple[HomeAssistant, Network]:
-    monkeypatch.setattr("umo.clients.faces.mqtt.home_assistant.Broker", Network)
+    made: list[Network] = []
+    monkeypatch.setattr(
+        "umo.clients.faces.mqtt.home_assistant.Broker", lambda *given: made.append(Network(*given)) or made[-1]
+    )
     face = HomeAssistant(interval=0.1)
     await face.begin(MACHINE, None)  # type: ignore[arg-type]
-    network: Any = face._link
+    (network,) = made
     return face, network
 
 
@@ -240,7 +244,7 @@ def test_what_the_network_does_not_take_is_told_later(monkeypatch: pytest.Monkey
     async def work() -> None:
         face, network = await begun(monkeypatch)
         network.room = 2
-        face._came_up()
+        network.came_up()
         await face.frames(changed(0, 1))
         assert len(network.told) == 2
         network.room = 1000

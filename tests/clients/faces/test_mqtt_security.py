@@ -27,6 +27,8 @@ from helpers.mqtt import MOSQUITTO, Mosquitto
 from umo.clients.faces.conformance import TriedMachine
 from umo.clients.faces.conformance.tried_machine import until
 from umo.clients.faces.face import Face
+from umo.clients.faces.mqtt import home_assistant, sparkplug
+from umo.clients.faces.mqtt.broker import Broker
 from umo.clients.faces.mqtt.home_assistant import HomeAssistant
 from umo.clients.faces.mqtt.sparkplug import Sparkplug
 from umo.errors import OptionError
@@ -108,11 +110,20 @@ def secret(folder: Path, password: str) -> Path:
 def said(face: Face, caplog: pytest.LogCaptureFixture) -> str:
     """What is told when it does not connect: "" if it does."""
 
+    links: list[Broker] = []
+
+    def begin(*given: Any, **more: Any) -> Broker:
+        links.append(Broker(*given, **more))
+        return links[-1]
+
     async def work() -> None:
         async with TriedMachine() as machine, hosted(machine, face):
-            await until(lambda: caplog.messages or (face._link and face._link.is_up))  # type: ignore[attr-defined]
+            await until(lambda: caplog.messages or (links and links[-1].is_up))
 
-    asyncio.run(work())
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (sparkplug, home_assistant):
+            patch.setattr(module, "Broker", begin)
+        asyncio.run(work())
     lines = caplog.messages
     assert len(lines) <= 1
     assert not any("\n" in each for each in lines)

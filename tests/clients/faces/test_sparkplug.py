@@ -80,7 +80,7 @@ def test_messages_are_numbered_and_the_birth_has_the_number_of_the_death(broker:
     asyncio.run(work())
 
 
-def test_what_happens_while_the_broker_is_away_arrives_as_historical(broker: Mosquitto) -> None:
+def test_what_happens_while_the_broker_is_away_arrives_as_historical(broker: Mosquitto, links: list[Broker]) -> None:
     async def work() -> None:
         async with TriedMachine() as machine:
             face, host = Sparkplug(port=broker.port), await SparkplugHost().connect(broker.port)
@@ -88,14 +88,14 @@ def test_what_happens_while_the_broker_is_away_arrives_as_historical(broker: Mos
                 async with hosted(machine, face):
                     await until(lambda: host.alive and kinds(host, "NDATA"))
                     broker.kill()
-                    await until(lambda: not face._link.is_up)  # type: ignore[union-attr]
+                    await until(lambda: not links[-1].is_up)
                     for raw in range(100, 110):
                         machine.set("cell.level", raw)
                         number = machine.number
                         await until(lambda n=number: machine.number > n + 10)  # type: ignore[misc]
                     births = len(kinds(host, "NBIRTH"))
                     broker.start()
-                    await until(lambda: len(kinds(host, "NBIRTH")) > births and not face._stored)
+                    await until(lambda: len(kinds(host, "NBIRTH")) > births)
                     await until(lambda: set(values_of(host)) >= {raw / 2 for raw in range(100, 109)})
                     assert values_of(host) == sorted(values_of(host))
                     assert face.dropped == 0
@@ -107,6 +107,25 @@ def test_what_happens_while_the_broker_is_away_arrives_as_historical(broker: Mos
         return [each["value"] for each in metrics if each.get("isHistorical") and each["name"] == "cell/level"]
 
     asyncio.run(work())
+
+
+async def until_later(machine: TriedMachine) -> None:
+    """Some periods, whose values a face keeps or sends."""
+    number = machine.number
+    await until(lambda: machine.number > number + 50)
+
+
+@pytest.fixture
+def links(monkeypatch: pytest.MonkeyPatch) -> list[Broker]:
+    """The connections to the broker that faces begin."""
+    made: list[Broker] = []
+
+    def begin(*given: Any, **more: Any) -> Broker:
+        made.append(Broker(*given, **more))
+        return made[-1]
+
+    monkeypatch.setattr("umo.clients.faces.mqtt.sparkplug.Broker", begin)
+    return made
 
 
 def test_a_full_store_drops_the_oldest_and_counts(broker: Mosquitto) -> None:
@@ -132,14 +151,15 @@ def test_a_full_store_drops_the_oldest_and_counts(broker: Mosquitto) -> None:
     asyncio.run(work())
 
 
-def test_nothing_is_sent_until_the_primary_host_is_online(broker: Mosquitto) -> None:
+def test_nothing_is_sent_until_the_primary_host_is_online(broker: Mosquitto, links: list[Broker]) -> None:
     async def work() -> None:
         async with TriedMachine() as machine:
             face, host = Sparkplug(port=broker.port, primary="scada"), await SparkplugHost().connect(broker.port)
             state = {"topic": "spBv1.0/STATE/scada", "retain": True}
             try:
                 async with hosted(machine, face):
-                    await until(lambda: face._link is not None and face._link.is_up and face._stored)
+                    await until(lambda: links and links[-1].is_up)
+                    await until_later(machine)
                     assert not kinds(host, "NBIRTH")
                     at = int(time.time() * 1000)
                     host.send({**state, "text": f'{{"online": true, "timestamp": {at}}}'})
@@ -147,7 +167,8 @@ def test_nothing_is_sent_until_the_primary_host_is_online(broker: Mosquitto) -> 
                     host.send({**state, "text": f'{{"online": false, "timestamp": {at - 1}}}'})  # of an older session
                     host.send({**state, "text": f'{{"online": false, "timestamp": {at + 1}}}'})
                     await until(lambda: kinds(host, "NDEATH"))
-                    await until(lambda: face._link is not None and face._link.is_up and len(face._stored) > 10)
+                    await until(lambda: len(links) == 2 and links[-1].is_up)
+                    await until_later(machine)
                     assert not host.alive
                     host.send({**state, "text": f'{{"online": true, "timestamp": {at + 2}}}'})
                     await until(lambda: host.alive)
@@ -245,7 +266,9 @@ def test_the_broker_tells_the_death_of_a_face_that_was_killed(broker: Mosquitto)
     asyncio.run(work())
 
 
-def test_a_broker_that_is_not_there_is_told_once(broker: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_broker_that_is_not_there_is_told_once(
+    broker: Mosquitto, links: list[Broker], caplog: pytest.LogCaptureFixture
+) -> None:
     async def work() -> None:
         async with TriedMachine() as machine:
             broker.kill()
@@ -253,7 +276,7 @@ def test_a_broker_that_is_not_there_is_told_once(broker: Mosquitto, caplog: pyte
             async with hosted(machine, face):
                 await until(lambda: caplog.messages)
                 broker.start()
-                await until(lambda: face._link is not None and face._link.is_up)
+                await until(lambda: links and links[-1].is_up)
         address = f"mqtt://127.0.0.1:{broker.port}"
         assert caplog.messages == [f"{address} cannot be reached: Connection refused; umo tries again"]
 

@@ -25,7 +25,7 @@ from helpers.jetstreams import NatsServer, needs_server, server
 from umo.clients.faces.conformance import TriedMachine
 from umo.clients.faces.conformance.tried_machine import until
 from umo.clients.fleet import fleet_record, jetstream_publisher, jetstream_server, station_publisher
-from umo.clients.fleet.fleet_record import FleetRecorder
+from umo.clients.fleet.fleet_record import FleetRecorder, Incoming
 from umo.clients.fleet.fleet_record_files import RecordFolder
 from umo.clients.fleet.jetstream_publisher import JetStreamPublisher
 from umo.clients.fleet.jetstream_server import STREAM, JetStreamServer
@@ -95,6 +95,18 @@ async def state(stream: JetStreamServer) -> Any:
         return (await js.stream_info(STREAM)).state
 
 
+def arrivals(patch: pytest.MonkeyPatch) -> list[str]:
+    """The kinds of the messages that come to a recorder from now on."""
+    come, put = list[str](), Incoming.put
+
+    def noted(incoming: Incoming, kind: str, *message: Any) -> None:
+        put(incoming, kind, *message)
+        come.append(kind)
+
+    patch.setattr(Incoming, "put", noted)
+    return come
+
+
 async def until_streamed(stream: JetStreamServer, count: int) -> None:
     async with asyncio.timeout(40.0):
         while (await state(stream)).last_seq < count:
@@ -117,13 +129,15 @@ async def ends_whole(history: Recording, truth: Truth, number: int) -> None:
 
 
 @pytest.mark.skipif(find_spec("bench") is None, reason="not in a clone")
-def test_what_a_gateway_has_published_is_recorded_from_the_stream(server: NatsServer, tmp_path: Path) -> None:
+def test_what_a_gateway_has_published_is_recorded_from_the_stream(
+    server: NatsServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from bench.fleet.rings import MadeRing, value
 
     stream, objects, count = JetStreamServer(server.url), 3, 250
     ring = MadeRing("made", objects)
     this = StationPublisher(Sent(), PLANT, frames_at(sockets()[0]), 0.1)  # type: ignore[arg-type]
-    said: list[str] = []
+    said, come = list[str](), arrivals(monkeypatch)
     history = JetStreamPublisher(stream, said.append)
     history.begin(this)
     for _ in range(count):
@@ -133,11 +147,7 @@ def test_what_a_gateway_has_published_is_recorded_from_the_stream(server: NatsSe
     files = RecordFolder(tmp_path / "history", said.append)
     with closing(JetStreamSource(stream, files, ["cell7/*"], said.append)) as source:
         recorder = FleetRecorder(source, files, say=said.append)
-
-        def is_there() -> bool:
-            return recorder._place == count and all(each.run.rows is not None for each in recorder._followed.values())
-
-        recorder.run(is_there)
+        recorder.run(lambda: "declaration" in come and len(come) > count)
     files.close()
     found = rows(files.root, "SELECT delta, value FROM values WHERE path = 'cell.o001' ORDER BY number")
     assert [each[0] for each in found] == list(range(count))
@@ -313,21 +323,22 @@ def test_a_full_disk_loses_nothing_that_the_stream_holds(
     async def work(machine: TriedMachine, fleet: StreamedFleet) -> None:
         truth = Truth(machine)
         history = Recording(fleet, tmp_path / "history", fleet.stream)
+        come = arrivals(monkeypatch)
         await history.begin()
         await until_recorded(lambda: len(history.deltas()) > 20)
-        write = history._folder.write
+        write = history.folder.write
 
         def full(*_: Any) -> None:
             raise OSError(28, "No space left on device")
 
-        history._folder.write = full  # type: ignore[method-assign]
+        history.folder.write = full
         number = machine.number
         await until(lambda: machine.number > number + 1000)
-        taken = history._recorder._place
+        before = len(come)
         number = machine.number
         await until(lambda: machine.number > number + 500)
-        assert history._recorder._place == taken  # it waits
-        history._folder.write = write  # type: ignore[method-assign]
+        assert len(come) == before  # it waits
+        history.folder.write = write
         number = machine.number
         await ends_whole(history, truth, number)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 
 from helpers.fleet_histories import KnownRun
 from helpers.fleets import PLANT
+from helpers.waiting import until
 from umo.clients.fleet import run_feed
 from umo.clients.fleet.fleet_mirror import FleetMirror
 
@@ -50,11 +52,10 @@ def test_the_last_delta_ends_a_mirror_also_if_what_is_before_it_does_not_come_an
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(run_feed, "RETRY_DELAY", 0.0)
-    known = KnownRun()
+    known, threads = KnownRun(), threading.active_count()
     session = Session(known.declaration(0))
     mirror = FleetMirror(session, PLANT, "ann")  # type: ignore[arg-type]
     session.come(known.delta(1))
     session.come(known.delta(3, is_last=True))
-    mirror._thread.join(5.0)
-    assert not mirror._thread.is_alive()
+    until(lambda: threading.active_count() == threads)
     mirror.close()

@@ -28,9 +28,22 @@ class Silent:
 
     def __init__(self) -> None:
         self.asked: list[str] = []
+        self.hear: dict[str, Any] = {}
+        """What is called with each message, by the last word of its key."""
 
-    def declare_subscriber(self, *given: Any, **more: Any) -> Any:
+    def declare_subscriber(self, key: str, hear: Any, **more: Any) -> Any:
+        self.hear[key.rpartition("/")[2]] = hear
         return SimpleNamespace(undeclare=lambda: None)
+
+    def token(self, comes: bool, key: StationKey = PLANT) -> None:
+        """The token of a station comes, or is gone."""
+        import zenoh
+
+        kind = zenoh.SampleKind.PUT if comes else zenoh.SampleKind.DELETE
+        self.hear["alive"](SimpleNamespace(key_expr=key.key("alive"), kind=kind))
+
+    def tell(self, text: str) -> None:
+        self.hear["status"](SimpleNamespace(key_expr=PLANT.key("status"), payload=text.encode()))
 
     def liveliness(self) -> Silent:
         return self
@@ -39,50 +52,40 @@ class Silent:
         self.asked.append(key)
 
 
-def token(comes: bool, key: StationKey = PLANT) -> Any:
-    import zenoh
-
-    return SimpleNamespace(key_expr=key.key("alive"), kind=zenoh.SampleKind.PUT if comes else zenoh.SampleKind.DELETE)
-
-
-def told(presence: FleetPresence, text: str) -> None:
-    presence._told(SimpleNamespace(key_expr=PLANT.key("status"), payload=text.encode()))  # type: ignore[arg-type]
-
-
 def test_a_station_is_away_when_its_token_is_lost_for_longer_than_a_router_takes_to_begin_again() -> None:
-    now = [0.0]
-    presence = FleetPresence(Silent(), lambda: now[0])  # type: ignore[arg-type]
-    presence._changed(token(True))
+    now, session = [0.0], Silent()
+    presence = FleetPresence(session, lambda: now[0])  # type: ignore[arg-type]
+    session.token(True)
     assert presence.stations()[0].is_present(now[0])
-    presence._changed(token(False))
+    session.token(False)
     now[0] = 0.9 * DEBOUNCE
     assert presence.stations()[0].is_present(now[0])
     now[0] = 1.1 * DEBOUNCE
     assert not presence.stations()[0].is_present(now[0])
-    presence._changed(token(True))
+    session.token(True)
     assert presence.stations()[0].is_present(now[0])
 
 
 def test_a_station_that_has_ended_leaves_the_list_and_one_that_was_lost_stays() -> None:
-    now = [0.0]
-    presence = FleetPresence(Silent(), lambda: now[0])  # type: ignore[arg-type]
-    presence._changed(token(True))
-    told(presence, json.dumps({"station": "plant", "state": "running"}))
-    presence._changed(token(False))
+    now, session = [0.0], Silent()
+    presence = FleetPresence(session, lambda: now[0])  # type: ignore[arg-type]
+    session.token(True)
+    session.tell(json.dumps({"station": "plant", "state": "running"}))
+    session.token(False)
     now[0] = 60.0
     assert [each.key for each in presence.stations()] == [PLANT]
-    told(presence, json.dumps({"station": "plant", "state": "ended"}))
+    session.tell(json.dumps({"station": "plant", "state": "ended"}))
     assert presence.stations() == []
 
 
 def test_a_station_that_comes_is_asked_for_its_status_and_all_of_a_large_fleet_by_one_question() -> None:
     session = Silent()
     presence = FleetPresence(session, lambda: 0.0)  # type: ignore[arg-type]
-    presence._changed(token(True))
+    session.token(True)
     presence.stations()
     assert session.asked == [PLANT.key("status")]
     for number in range(100):
-        presence._changed(token(True, StationKey("cell7", f"s{number}")))
+        session.token(True, StationKey("cell7", f"s{number}"))
     assert len(presence.stations()) == 101
     presence.stations()
     assert session.asked[1:] == ["umo/*/*/status"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import sys
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -19,13 +20,13 @@ import pyarrow.parquet as pq
 
 from helpers.fleet_histories import KnownRun, by_duckdb, rows
 from helpers.fleets import PLANT, free_port
-from umo.clients.fleet import fleet_record, fleet_record_files, run_feed
+from umo.clients.fleet import fleet_record, fleet_record_files, fleet_record_source, run_feed
 from umo.clients.fleet.fleet_keys import StationKey
 from umo.clients.fleet.fleet_query import asked
 from umo.clients.fleet.fleet_record import FleetRecorder, Incoming
 from umo.clients.fleet.fleet_record_files import RecordFolder
 from umo.clients.fleet.fleet_record_run import AWAY, BEFORE, FULL_DISK, LOST, UNDECLARED, FollowedRun, Recorded
-from umo.clients.fleet.fleet_record_source import FleetSource, key_pattern
+from umo.clients.fleet.fleet_record_source import FleetSource, Put, key_pattern
 from umo.clients.fleet.fleet_session import FleetNetwork, opened
 from umo.errors import FramesError, OptionError
 
@@ -299,6 +300,14 @@ def test_a_disk_that_is_full_costs_no_file_and_no_number(folder: RecordFolder, m
 # The recorder ----------------------------------------------------------------------------------------------
 
 
+class ArrivalsByHand(FleetSource):
+    """`come` is what a subscriber calls with each message."""
+
+    def begin(self, put: Put, has_room: Callable[[], bool]) -> None:
+        self.come: Callable[..., None] = put
+        super().begin(put, has_room)
+
+
 def test_a_full_disk_is_told_once_and_the_oldest_values_are_a_gap_when_there_is_room_again(
     folder: RecordFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -308,17 +317,18 @@ def test_a_full_disk_is_told_once_and_the_oldest_values_are_a_gap_when_there_is_
     said: list[str] = []
     known = KnownRun()
     session = opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")
-    most = 30 * known.words(0).nbytes
-    recorder = FleetRecorder(FleetSource(session), folder, say=said.append, most_pending=most)
+    source, kept = ArrivalsByHand(session), 30
+    most = kept * known.words(0).nbytes
+    recorder = FleetRecorder(source, folder, say=said.append, most_pending=most)
 
     def come(first: int, stop: int) -> None:
         for number in range(first, stop):
-            recorder._incoming.put("delta", PLANT, known.delta(number))
+            source.come("delta", PLANT, known.delta(number))
             recorder.step()
 
-    recorder._incoming.put("event", PLANT, json.dumps(known.events(0)).encode())
-    recorder._incoming.put("delta", PLANT, known.delta(0))
-    recorder._incoming.put("declaration", PLANT, known.declaration(0))
+    source.come("event", PLANT, json.dumps(known.events(0)).encode())
+    source.come("delta", PLANT, known.delta(0))
+    source.come("declaration", PLANT, known.declaration(0))
     come(1, 10)
     fsync = fleet_record_files.os.fsync
     is_full = [True]
@@ -330,7 +340,6 @@ def test_a_full_disk_is_told_once_and_the_oldest_values_are_a_gap_when_there_is_
 
     monkeypatch.setattr(fleet_record_files.os, "fsync", sync)
     come(10, 100)
-    assert sum(each.run.bytes for each in recorder._followed.values()) <= most
     is_full[0] = False
     come(100, 110)
     recorder.run(lambda: True)
@@ -340,7 +349,7 @@ def test_a_full_disk_is_told_once_and_the_oldest_values_are_a_gap_when_there_is_
     lost = rows(folder.root, "SELECT first, last, count, why FROM gaps ORDER BY first")
     missing = [number for first, last, *_ in lost for number in range(first, last + 1)]
     assert sorted([each[0] for each in found] + missing) == list(range(110))
-    assert missing
+    assert 0 < sum(number in range(10, 100) for (number,) in found) <= kept  # of those that came meanwhile
     assert {why for *_, why in lost} == {FULL_DISK}
     assert sum(count for _, _, count, _ in lost) == len(missing)
     assert rows(folder.root, "SELECT number, text FROM events") == [(0, "event 0")]
@@ -356,15 +365,16 @@ def test_what_is_damaged_costs_no_other_message_and_does_not_end_the_recorder(
     monkeypatch.setattr(run_feed, "RETRY_DELAY", 0.0)
     known = KnownRun()
     with closing(opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")) as session:
-        recorder = FleetRecorder(FleetSource(session), folder, say=nothing)
-        recorder._incoming.put("delta", PLANT, known.delta(0))
-        recorder._incoming.put("declaration", PLANT, known.declaration(0))
+        source = ArrivalsByHand(session)
+        recorder = FleetRecorder(source, folder, say=nothing)
+        source.come("delta", PLANT, known.delta(0))
+        source.come("declaration", PLANT, known.declaration(0))
         events = known.events(0, 1, 2)
         events["events"][1][6] = 99  # no state of a command
-        recorder._incoming.put("event", PLANT, json.dumps(events).encode())
-        recorder._incoming.put("delta", PLANT, known.delta(2)[:-1])
+        source.come("event", PLANT, json.dumps(events).encode())
+        source.come("delta", PLANT, known.delta(2)[:-1])
         for number in range(3, 15):
-            recorder._incoming.put("delta", PLANT, known.delta(number))
+            source.come("delta", PLANT, known.delta(number))
         for _ in range(run_feed.TRIES + 2):
             recorder.step()
         recorder.run(lambda: True)
@@ -380,13 +390,12 @@ def test_stations_that_do_not_answer_do_not_keep_others_from_being_asked(
     monkeypatch.setattr(run_feed, "RETRY_DELAY", 0.0)
     known = KnownRun()
     with closing(opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")) as session:
-        source = FleetSource(session)
+        source, queries = ArrivalsByHand(session), HangingQueries()
+        monkeypatch.setattr(fleet_record_source, "PastQueries", lambda *_: queries)
         recorder = FleetRecorder(source, folder, say=nothing)
-        queries = HangingQueries()
-        monkeypatch.setattr(source, "_queries", queries)
         keys = [StationKey("cell7", f"s{number}") for number in range(5)]
         for key in keys:
-            recorder._incoming.put("delta", key, known.delta(3))
+            source.come("delta", key, known.delta(3))
         for _ in range(4):
             queries.waiting = 0
             recorder.step()

@@ -27,10 +27,13 @@ class Station:
         self.numbers = itertools.count(1000)
         self.number = 0
         self.is_lost = False
+        self.cells = SimpleNamespace(stop=None, signed=lambda path, lease: 0.0)
+        self.keys: list[str] = []
         self.asked: list[dict[str, Any]] = []
 
     def get(self, key: str, handler: Any, payload: str, **more: Any) -> None:
         self.asked.append(json.loads(payload))
+        self.keys.append(key)
         self.number = next(self.numbers)
         for answer in () if self.is_lost else ({"number": self.number}, {"result": 1}):
             handler.callback(SimpleNamespace(ok=SimpleNamespace(payload=json.dumps(answer).encode())))
@@ -40,7 +43,7 @@ class Station:
 
 
 def rig(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, user: str = "ann"
 ) -> tuple[MirrorCommands, Station, list[ClientCommand], list[Event], list[float]]:
     """Commands of a mirror whose time is given: also what comes in, what is told, and the time."""
     coming: list[ClientCommand] = []
@@ -49,10 +52,10 @@ def rig(
     inbox = SimpleNamespace(get=lambda: coming.pop(0) if coming else None, taken=0, dropped=0)
     monkeypatch.setattr(mirror_commands, "Receiver", lambda cells: inbox)
     monkeypatch.setattr(mirror_commands, "time", SimpleNamespace(monotonic=lambda: now[0], time=lambda: now[0]))
-    cells = SimpleNamespace(stop=None, signed=lambda path, lease: now[0])
-    ring: Any = SimpleNamespace(cells=cells, live=lambda given: None, lease=lambda *given: None)
+    station.cells.signed = lambda path, lease: now[0]
+    ring: Any = SimpleNamespace(cells=station.cells, live=lambda given: None, lease=lambda *given: None)
     session: Any = station
-    return MirrorCommands(session, PLANT, "ann", ring, told.append), station, coming, told, now
+    return MirrorCommands(session, PLANT, user, ring, told.append), station, coming, told, now
 
 
 @pytest.mark.parametrize("is_lost", [False, True])
@@ -74,14 +77,18 @@ def test_a_mirror_that_commands_for_a_year_keeps_nothing_of_it(monkeypatch: pyte
         commands.look()
     assert len(told) == 399 - (0 if is_lost else 199)
     assert {each.state for each in told[1:]} == {CommandState.REFUSED if is_lost else CommandState.DONE}
-    assert not (commands._numbers or commands._ended or commands._answers or commands._coming)
+    kept = [each for each in vars(commands).values() if isinstance(each, dict | list | set)]
+    assert len(kept) >= 4
+    assert not any(kept)
 
 
 def test_what_the_mirror_sends_itself_has_no_number_here(monkeypatch: pytest.MonkeyPatch) -> None:
     commands, station, *_ = rig(monkeypatch)
-    commands._send(ClientCommand(0, do="let go", path="a"))
+    station.cells.stop = (1, "ann")
+    commands.look()
+    assert [each["do"] for each in station.asked] == ["stop"]
     assert commands.local(station.number) == 0
-    assert not commands._numbers
+    assert commands.taken(station.number) == 0
 
 
 def test_what_the_station_has_taken_is_told_by_the_numbers_here(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,8 +104,10 @@ def test_what_the_station_has_taken_is_told_by_the_numbers_here(monkeypatch: pyt
 
 
 def test_a_command_that_the_station_takes_later_is_not_told_as_taken_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    commands, *_ = rig(monkeypatch)
-    commands._coming = [(1001, 1), (1000, 2)]
+    commands, station, coming, *_ = rig(monkeypatch)
+    station.numbers = iter([1001, 1000])  # type: ignore[assignment]
+    coming += [ClientCommand(number, "ann", "key", do="lease") for number in (1, 2)]
+    commands.look()
     assert [commands.taken(count) for count in (1000, 1001)] == [0, 2]
 
 
@@ -113,11 +122,13 @@ def test_what_a_visitor_of_a_page_asks_for_is_passed_on_as_unverified_and_let_go
         now[0] += 2 * EVENT_WAIT
         commands.look()
     now[0] += 10.0
-    commands._ring.cells.signed = lambda path, lease: now[0] - (9.0 if path else 0.0)
+    station.cells.signed = lambda path, lease: now[0] - (9.0 if path else 0.0)
     commands.look()
     assert [each["do"] for each in station.asked] == ["lease", "write", "let go"]
     assert all(each.get("unverified") for each in station.asked)
-    commands._send(ClientCommand(0, who_text("ann", " (page, 127.0.0.1)"), do="stop"))
+    station.cells.stop = (1, who_text("ann", " (page, 127.0.0.1)"))
+    commands.look()
+    assert station.asked[-1]["do"] == "stop"
     assert "unverified" not in station.asked[-1]
 
 
@@ -138,7 +149,7 @@ def test_a_second_client_of_a_mirror_is_refused_the_lease_until_the_first_is_gon
     assert answer_to("bob", "tune") == answer_to("bob", "lease") == "LeaseHeld: ann has the lease"
     assert answer_to("bob", "lease", over=True) == "1"
     assert answer_to("ann", "tune") == "LeaseHeld: bob has the lease"
-    commands._ring.cells.signed = lambda path, lease: 0.0  # bob gives no sign of life any more
+    station.cells.signed = lambda path, lease: 0.0  # bob gives no sign of life any more
     now[0] += 10.0
     commands.look()
     assert answer_to("ann", "tune") == "CommandRefused: nobody has the lease; take it first"
@@ -147,7 +158,7 @@ def test_a_second_client_of_a_mirror_is_refused_the_lease_until_the_first_is_gon
 
 def test_a_user_is_in_keys_as_in_the_settings_and_the_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
     """`FleetSettings.user` is one word of a key already: escaped twice it is another user."""
-    monkeypatch.setattr(mirror_commands, "Receiver", lambda cells: None)
-    nothing: Any = SimpleNamespace(cells=None)
-    commands = MirrorCommands(nothing, PLANT, segment("ann b"), nothing, nothing)
-    assert commands._user == segment("ann b")
+    commands, station, *_ = rig(monkeypatch, user=segment("ann b"))
+    station.cells.stop = (1, "ann b")
+    commands.look()
+    assert station.keys == [PLANT.key("command", segment("ann b"))]

@@ -12,6 +12,7 @@ pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 
 from bench.fleet.rings import MadeRing, value
 from helpers.fleets import Sent
+from helpers.publishing import RingMemory
 from umo.clients.fleet.fleet_keys import StationKey
 from umo.clients.fleet.run_words import FULL, WordFrame
 from umo.clients.fleet.station_publisher import MAX_DELTAS, StationPublisher
@@ -26,7 +27,12 @@ OBJECTS = 3000
 
 
 @pytest.fixture
-def ring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def memory(monkeypatch: pytest.MonkeyPatch) -> RingMemory:
+    return RingMemory(monkeypatch)
+
+
+@pytest.fixture
+def ring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, memory: RingMemory) -> Any:
     monkeypatch.setenv("UMO_FRAMES", str(tmp_path))
     made = MadeRing("made", OBJECTS)
     yield made
@@ -71,14 +77,13 @@ def test_a_gateway_that_was_stopped_for_longer_than_the_ring_goes_on_with_what_i
     assert WordFrame(this.reader.layout).parse(sent.messages[1]).flags & FULL
 
 
-def test_a_run_whose_last_frame_is_damaged_ends(ring: MadeRing) -> None:
+def test_a_run_whose_last_frame_is_damaged_ends(ring: MadeRing, memory: RingMemory) -> None:
     sent = Sent()
     this = publisher(sent)
     ring.step()
     ring.step()
-    copy = ring._ring
-    copy._words[(copy._places.first + copy._size) >> 3] = 0
-    copy.live({Live.STATE: Stage.ENDED})
+    memory.set_sequence(1, 0)
+    memory.set_live(Live.STATE, Stage.ENDED)
     assert this.look()
     assert not this.look()
     last = WordFrame(this.reader.layout).parse(sent.messages[-1])
@@ -86,7 +91,7 @@ def test_a_run_whose_last_frame_is_damaged_ends(ring: MadeRing) -> None:
 
 
 def test_the_status_is_made_anew_only_where_something_of_it_has_changed(
-    ring: MadeRing, monkeypatch: pytest.MonkeyPatch
+    ring: MadeRing, memory: RingMemory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[int] = []
     monkeypatch.setattr("umo.clients.fleet.station_publisher.status_of", lambda reader: {"made": made.append(1)})
@@ -97,7 +102,7 @@ def test_the_status_is_made_anew_only_where_something_of_it_has_changed(
         ring.step()
         this.look()
     assert len(made) == begun + 1  # as the first frame has come
-    ring._ring.live({Live.MISSED: 1})
+    memory.set_live(Live.MISSED, 1)
     ring.step()
     this.look()
     assert len(made) == begun + 2

@@ -12,6 +12,7 @@ import pytest
 from helpers.generating import needs_a_compiler
 from helpers.known_runs import AFTER, check
 from helpers.known_things import WAYS
+from tools.planted_faults import Edit, changed, function_with
 from umo.generate import bound_fields, known_values, known_watch
 from umo.generate.bound_fields import BoundFields
 from umo.generate.compiled_laws import CompiledLaws
@@ -38,23 +39,14 @@ def _without(kind: Callable[[Any], bool]) -> Callable[[Patch], None]:
     return plant
 
 
-def _no_absent(patch: Patch) -> None:
-    changes = KnownWatch._renew
+def _edited(owner: Any, text: str, wrong: str) -> Callable[[Patch], None]:
+    """The function that has this text has another one."""
 
-    def renew(self: KnownWatch) -> None:
-        for each in self._known.objects.values():
-            each.names = {name: value for name, value in each.names.items() if value is not known_values.ABSENT}
-        changes(self)
+    def plant(patch: Patch) -> None:
+        name = function_with(owner, text)
+        patch.setattr(owner, name, changed(Edit(owner, name, (text, wrong))))
 
-    patch.setattr(KnownWatch, "_renew", renew)
-
-
-def _no_contents(patch: Patch) -> None:
-    patch.setattr(KnownValues, "_content", lambda *_: None)
-
-
-def _no_classes(patch: Patch) -> None:
-    patch.setattr(KnownValues, "_class", lambda *_: None)
+    return plant
 
 
 def _never_shared(patch: Patch) -> None:
@@ -68,14 +60,6 @@ def _not_elsewhere(patch: Patch) -> None:
 
 def _only_lengths(patch: Patch) -> None:
     patch.setattr(known_values, "same_all", lambda before, now: len(before) == len(now))
-
-
-def _no_metaclass(patch: Patch) -> None:
-    patch.setattr(bound_fields, "_metaclass", type)
-
-
-def _not_before_the_laws(patch: Patch) -> None:
-    patch.setattr(CompiledLaws, "_look", lambda self: True)
 
 
 def _all_to_the_object(patch: Patch) -> None:
@@ -99,10 +83,6 @@ def _over_what_was_put_there(patch: Patch) -> None:
     patch.setattr(BoundFields, "release", released)
 
 
-def _not_deleted(patch: Patch) -> None:
-    patch.setattr(BoundFields, "_deleter", lambda self: lambda owner, name: None)
-
-
 def _not_taken(patch: Patch) -> None:
     patch.setattr(BoundFields, "take_given", lambda self: None)
 
@@ -124,18 +104,32 @@ FAULTS: dict[str, Callable[[Patch], None]] = {
     "cells": _without(lambda owner: isinstance(owner, CellType)),
     "functions": _without(lambda owner: isinstance(owner, FunctionType)),
     "slots": _without(lambda owner: type(owner).__name__ == "Slotted"),
-    "what is not there": _no_absent,
-    "containers": _no_contents,
+    "what is not there": _edited(
+        KnownWatch,
+        "(each.now, each.names | elsewhere)",
+        "(each.now, {name: value for name, value in each.names.items() if value is not ABSENT} | elsewhere)",
+    ),
+    "containers": _edited(
+        KnownValues, "if isinstance(value, np.ndarray) and not", "return\n    if isinstance(value, np.ndarray) and not"
+    ),
     "elements": _only_lengths,
-    "classes": _no_classes,
-    "the class behind that of an object": _no_metaclass,
+    "classes": _edited(
+        KnownValues,
+        "for each in kind.__mro__:\n        if _changes(each)",
+        "return\n    for each in kind.__mro__:\n        if _changes(each)",
+    ),
+    "the class behind that of an object": _edited(bound_fields, "= _metaclass(kind)(", "= type("),
     "numbers that are put into an object": _not_elsewhere,
     "lists and arrays of others": _never_shared,
     "lists and arrays that are given": _not_taken,
-    "before the laws": _not_before_the_laws,
+    "before the laws": _edited(
+        CompiledLaws,
+        "while self._waiting:\n        self",
+        "return True\n    while self._waiting:\n        self",
+    ),
     "attributes of classes after release": _all_to_the_object,
     "attributes of objects after release": _over_what_was_put_there,
-    "deleted attributes": _not_deleted,
+    "deleted attributes": _edited(BoundFields, 'self._refused(f"{path}.{name} is deleted")', "return"),
     "versions of dicts": _same_version,
     "places of references": _another_place,
 }

@@ -822,23 +822,27 @@ def test_what_a_failing_call_leaves_in_the_kit_does_not_count_as_memory_of_the_d
     assert found.verdict is Judgement.PASSED, found
 
 
+class DisarmsItself(Device):
+    """Its watchdog is disarmed once it has let go."""
+
+    def _let_go(self) -> None:
+        heard = self._heard
+        super()._let_go()
+        if heard != self._heard:
+            self._watchdog = float("inf")
+
+
 def test_a_watchdog_that_is_disarmed_once_it_has_let_go_is_armed_again_by_the_kit() -> None:
-    with careful() as subject, Device(watchdog=float("inf"), defaults={0: 5}) as device:
-        carry_out = device._let_go
-
-        def let_go_and_disarm() -> None:
-            heard = device._heard
-            carry_out()
-            if heard != device._heard:
-                device._watchdog = float("inf")
-
-        device._let_go = let_go_and_disarm  # type: ignore[method-assign]
-        with TcpTap(device.host, device.port) as tap:
-            latched = replace(
-                subject, line=tap, levels=device.levels, make=lambda: Careful(port=tap.port),
-                direct=lambda: Careful(host=device.host, port=device.port),
-            )  # fmt: skip
-            found = conform(latched, only=["watchdog"]).finding("watchdog")
+    with (
+        careful() as subject,
+        DisarmsItself(watchdog=float("inf"), defaults={0: 5}) as device,
+        TcpTap(device.host, device.port) as tap,
+    ):
+        latched = replace(
+            subject, line=tap, levels=device.levels, make=lambda: Careful(port=tap.port),
+            direct=lambda: Careful(host=device.host, port=device.port),
+        )  # fmt: skip
+        found = conform(latched, only=["watchdog"]).finding("watchdog")
     assert found.verdict is Judgement.PASSED, found
 
 
