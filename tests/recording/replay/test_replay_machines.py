@@ -35,10 +35,9 @@ from umo import (
 )
 from umo.control import next_period
 from umo.errors import ChannelsFailed, DriverError
-from umo.operation.commands.client_commands import DEAD_MAN_REASON
+from umo.operation.commands.client_commands import DEAD_MAN_REASON, NOT_RENEWED
 from umo.recording.block import Block
 from umo.recording.replay.program import Program
-from umo.recording.replay.recorded_clients import LEASE_ENDED
 from umo.recording.replay.replaying import replay
 from umo.recording.replay.tape import NotReplayable
 from umo.states import OnOff, PassFail
@@ -252,7 +251,7 @@ def check_operated(seed: int) -> set[str]:
 @pytest.mark.full
 def test_a_replay_repeats_what_clients_did_and_what_ended_without_a_sign_of_life() -> None:
     told = check_operated(4) | check_operated(9)
-    assert DEAD_MAN_REASON in told and any(text.endswith(LEASE_ENDED) for text in told)
+    assert DEAD_MAN_REASON in told and any(text.endswith(NOT_RENEWED) for text in told)
 
 
 @pytest.mark.full

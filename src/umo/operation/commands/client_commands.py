@@ -18,6 +18,8 @@ DEAD_MAN_TIME = 0.5
 if the actuator expires sooner."""
 DEAD_MAN_REASON = "dead-man timeout"
 """The reason in the event of such an end."""
+NOT_RENEWED = "was not renewed"
+"""The last words of the event about the end of a lease whose holder gave no sign of life."""
 
 
 class Mode(NamedNumber):

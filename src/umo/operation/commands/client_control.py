@@ -22,7 +22,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.errors import CommandRefused, DriverError, UmoError
 from umo.objects import Actuator, described
 from umo.objects.presentation.run_facts import driven_text, facts_of
-from umo.operation.commands.client_commands import ClientCommand, Inbox, Levels, Mode
+from umo.operation.commands.client_commands import NOT_RENEWED, ClientCommand, Inbox, Levels, Mode
 from umo.operation.commands.commanded import Commanded, VerbAnswer
 from umo.operation.commands.verbs import STOP, VERBS
 from umo.text import without_search
@@ -111,7 +111,7 @@ class ClientControl(Commanded):
         now = self.clock()  # afterwards: no sign of life is of a later time, but a wrong one
         self.lease.renew(signed[""], now)
         if self.lease.expired(now):
-            why = f"the lease of {self.lease.holder} has ended, because it was not renewed"
+            why = f"the lease of {self.lease.holder} has ended, because it {NOT_RENEWED}"
             self.actions.note(why)
             self.end_lease(why)
         self.actions.end_unsigned(signed, now)

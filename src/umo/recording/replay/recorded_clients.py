@@ -11,11 +11,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from umo.cycle.events import LET_GO, CommandState
-from umo.operation.commands.client_commands import DEAD_MAN_REASON, ClientCommand
+from umo.operation.commands.client_commands import DEAD_MAN_REASON, NOT_RENEWED, ClientCommand
 from umo.recording.replay.player import Player
 
-LEASE_ENDED = "was not renewed"
-"""The last words of the event that reports the end of a lease without a sign of life."""
 ALL = "*"
 """A path that stands for all holds."""
 LONG = 1e6
@@ -66,7 +64,7 @@ class TapeLevels:
     def _note(self, event: Any) -> None:
         if event.asked == "stop" and event.state is CommandState.DONE:
             self._stops[event.time] = event.who
-        elif not event.path and not event.command and event.text.endswith(LEASE_ENDED):
+        elif not event.path and not event.command and event.text.endswith(NOT_RENEWED):
             self._ends.setdefault(event.time, set()).add("")
         elif DEAD_MAN_REASON in event.text and event.state is CommandState.REFUSED:
             self._refused.add(event.command)
