@@ -154,7 +154,7 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         ),
         (
             ["do", "conveyor", "call", "sorter.push", "--for", "1"],
-            "sorter.push ends by itself; --for is for dead-man actions",
+            "sorter.push ends by itself; --for can only be used with dead-man actions",
         ),
         (
             ["device", "set", "conveyor", "sorter.belt.setpont", "1"],

@@ -76,7 +76,7 @@ def test_a_fault_of_the_command_line_is_blamed_on_it(umo):
     result = umo("run", "conveyor", "--fault", "sorter.belt.sped stuck")
     assert result.exit_code == 2
     assert (
-        "1 mistake in --fault\n--fault 'sorter.belt.sped stuck': there is no object or driver 'sorter.belt.sped'"
+        "1 error in --fault\n--fault 'sorter.belt.sped stuck': there is no object or driver 'sorter.belt.sped'"
         in result.stderr
     )
     assert ".toml" not in result.stderr

@@ -56,7 +56,7 @@ SEQUENCE = {
         "`(m.fill(3.0), m.empty(20.0))`: several sequences are awaited by `await together(...)`"
     ),
     "x = m.cycle.start(m.fill(3.0)).result": (
-        "`m.cycle.start(m.fill(3.0)).result` is None, as the sequence has only been started"
+        "`m.cycle.start(m.fill(3.0)).result` is None, because the sequence has only been started"
     ),
     "x = 2.0 * m.level": "`m.level` is an object, not its value: write `m.level.read()`",
     "m.inlet.write('on')": "it takes OpenClosed.OPEN or OpenClosed.CLOSED, not 'on'",
@@ -99,7 +99,7 @@ SEQUENCE = {
     "if m.inlet.read() is OpenClosed.OPEN or OpenClosed.CLOSED:\n    m.target = 1.0": (
         "`OpenClosed.CLOSED` is not compared with anything: write each comparison in full, `... is OpenClosed.CLOSED`"
     ),
-    "m.target = PID(gain=1.0).step(1.0, 2.0, 0.01)": "`0.01` is not the period, if a wiring gives another one",
+    "m.target = PID(gain=1.0).step(1.0, 2.0, 0.01)": "`0.01` is not the period if a wiring sets another period",
     "x = m.level.get()": "DigitalSensor has no attribute 'get' (did you mean 'read()'?)",
     "m.level.write(3.0)": "DigitalSensor has no attribute 'write'; a sensor is only read",
     "m.inlet.open()": "BinaryActuator has no attribute 'open' (did you mean 'write(...)'?)",
@@ -109,7 +109,7 @@ SEQUENCE = {
 """What a beginner writes in a sequence, and what `umo check` tells of it."""
 CLASS = {
     "    def control(self) -> None:\n        Hysteresis(self.a, self.b, 1, low=0, high=1).control()\n": (
-        "`Hysteresis(self.a, self.b, 1, low=0, high=1)` is made again in each period, so it keeps no state: make it"
+        "`Hysteresis(self.a, self.b, 1, low=0, high=1)` is created again in each period, so it keeps no state: create it"
     ),
     "    def contol(self) -> None:\n        pass\n": "nothing calls `contol`: umo calls `control`",
     "    def interlock(self) -> None:\n        pass\n": "nothing calls `interlock`: umo calls `interlocks`",
@@ -117,7 +117,7 @@ CLASS = {
     "    target = 1.0\n\n    def aim(self, target: float) -> None:\n        target = target\n": (
         "`target` is a name of this function only, and nothing reads it: write `self.target = ...`"
     ),
-    "    past = []\n\n    def note(self) -> None:\n        self.past.append(1)\n": "`past` is one for all",
+    "    past = []\n\n    def note(self) -> None:\n        self.past.append(1)\n": "`past` is shared by all objects and all runs",
 }
 """The same in a class."""
 RIGHT_CLASS = [
@@ -329,7 +329,7 @@ def test_a_machine_that_is_not_made_is_told_why() -> None:
         declared(lambda: None, "machine()", {})
     with pytest.raises(DeclarationError, match=r"write `Valve\(\.\.\.\)`, with its parts"):
         declared(lambda: Valve, "machine()", {})
-    with pytest.raises(DeclarationError, match=r"Own\.__init__ does not make the parts: write `setup` in its place"):
+    with pytest.raises(DeclarationError, match=r"Own\.__init__ does not create the parts: write `setup` instead"):
         declared(Own, "machine()", {})
 
 

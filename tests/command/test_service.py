@@ -88,7 +88,7 @@ def test_options_of_the_run_are_not_given_twice(umo: Umo, tank: Path) -> None:
         (("tank", "--kep", "3"), "tank has no option --kep (did you mean 'keep'?)"),
         (("tank", "--acknowledge"), "--acknowledge: a service must not acknowledge an unsafe end by itself"),
         (("tank", "--fault", "level stuck at 1 s"), "--fault: faults are injected by hand"),
-        (("tank", "--fresh"), "--fresh: each start would move the kept values aside"),
+        (("tank", "--fresh"), "--fresh: each start would set the kept values aside"),
         (("tank", "--keep", "much"), "'--keep': 'much' is not a size"),
         (("tank", "--until", "soon"), "--until"),
         (("tank", "--no-record", "--keep-runs", "3"), "leave out --no-record"),
@@ -110,9 +110,9 @@ def test_where_systemd_is_absent_the_same_is_shown_for_the_foreground(
     result = umo("new", "service", "tank")
     assert "systemd does not run here; the command line for the foreground" in result.stderr
     assert f"cd {tank.parent} && {section(result.stdout)['ExecStart'].split()[0]}" in " ".join(result.stderr.split())
-    assert "must not start it again after any end" in " ".join(result.stderr.split())
+    assert "must not restart the station at all" in " ".join(result.stderr.split())
     said = " ".join(umo("new", "service", "tank", "-w", "modbus").stderr.split())
-    assert "must not start it again after status 2, 3 or 4" in said
+    assert "must not restart the station after status 2, 3 or 4" in said
 
 
 def test_where_systemd_runs_the_next_steps_are_shown(umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:

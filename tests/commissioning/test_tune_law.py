@@ -166,7 +166,7 @@ def test_without_a_law_the_laws_are_listed() -> None:
         (["servo", "--relay", "60%", "--at", "1"], "an amplitude of at most"),
         (["servo", "--relay", "-10%", "--at", "1"], "amplitude"),
         (["servo", "--relay", "10%", "--at", "1", "--within", "0.01"], "has moved by"),
-        (["servo", "--step", "10%", "--at", "9", "--lasts", "5"], "the application has ended"),
+        (["servo", "--step", "10%", "--at", "9", "--lasts", "5"], "the application ended before"),
         (["servo", "--moves", "10 mm"], "does not run"),
         (["servo", "--file", "none.csv"], "there is no such file"),
         (["servo", "--relay", "10%", "--at", "1", "--gains", "wild"], "there is no set 'wild'"),

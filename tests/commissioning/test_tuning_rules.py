@@ -195,7 +195,7 @@ def test_a_relay_gives_the_critical_point() -> None:
     assert found.ultimate_gain == pytest.approx(critical, rel=0.25)
     assert found.ultimate_period == pytest.approx(12.0, rel=0.1)
     assert not found.uneven
-    with pytest.raises(RangeError, match="1 whole cycles, 2 are needed"):
+    with pytest.raises(RangeError, match="1 complete cycles, and 2 are needed"):
         relay_cycles(MeasuredResponse.of(np.arange(300) * DT, rows[:300, 0], rows[:300, 1]))
 
 
@@ -228,7 +228,7 @@ def test_samples_without_values_are_left_out_and_too_few_refused() -> None:
     assert len(response.outputs) == 100
     with pytest.raises(RangeError, match="2 samples"):
         MeasuredResponse.of(times, times, np.where(times < 2.0, times, np.nan))
-    with pytest.raises(RangeError, match="do not rise"):
+    with pytest.raises(RangeError, match="do not increase"):
         MeasuredResponse.of(times[::-1], times, times)
 
 

@@ -27,7 +27,7 @@ class Blinking(Bench):
 
 
 def told(m: Any) -> list[str]:
-    return [event.text for event in m._machine.whole.events if "side by side" in event.text]
+    return [event.text for event in m._machine.whole.events if "run at the same time" in event.text]
 
 
 def test_a_sequence_that_is_started_in_each_period_is_told_once_with_its_place():

@@ -331,7 +331,7 @@ def test_of_any_number_of_notes_every_answer_is_told_in_its_period_and_nothing_i
         assert len(tell()) <= EVENTS_PER_PERIOD + 1
     faults = [event.path for event in told if event.asked == FAULT]
     assert faults == [f"zones.{period}.{number}" for period in range(periods) for number in range(size)]
-    left_out = [int(event.text.split()[0].replace(",", "")) for event in told if "were left out" in event.text]
+    left_out = [int(event.text.split()[0].replace(",", "")) for event in told if "were not stored" in event.text]
     others = sum(event.text.startswith("other") for event in told)
     assert others + sum(left_out) == periods * size
     assert others <= MOST_WAITING + periods * EVENTS_PER_PERIOD

@@ -669,7 +669,7 @@ def test_any_text_is_a_fault_or_a_declaration_error(text):
         ("door stuck ajar", "'ajar' is not a state of door: CLOSED or OPEN"),
         ("height delay soon", "'soon' is not a duration"),
         ("box stuck", "stuck is for objects; a whole driver has: delay, drop-out, disconnect, exception"),
-        (5, "is not a text"),
+        (5, "is not a string"),
     ],
 )
 def test_a_wrong_fault_is_a_fault_of_the_wiring(text, message):

@@ -105,7 +105,7 @@ def test_everything_that_does_not_translate_is_told_with_its_line_and_nothing_is
     for place, said in (
         (":17: self.seen[1]", "an element of something that is not a list or an array in C"),
         (":21: time.time", "cannot be translated"),
-        (":23: self.phase", "a text made at run time"),
+        (":23: self.phase", "a string that is made at run time"),
     ):
         assert any(place in line and said in line for line in lines), (place, result.stderr)
     assert {int(line.split(":")[1]) for line in lines[1:]} == {17, 18, 21, 23}

@@ -145,7 +145,7 @@ def test_a_wiring_sets_numbers_of_every_type() -> None:
         ("speed", inf, "inf is not a number"),
         ("teeth", 2.5, "2.5 is not a whole number"),
         ("teeth", 0, "0 is outside 1 to 99"),
-        ("label", 3, "3 is not a text"),
+        ("label", 3, "3 is not a string"),
         ("cooled", "on", "'on' is not true or false"),
         ("cooled", 1, "1 is not true or false"),
         ("shape", "FLATT", "'FLATT' is not one of ROUND, FLAT (did you mean 'FLAT'?)"),

@@ -252,7 +252,7 @@ def test_a_reset_in_the_run_does_not_wait_for_a_driver_that_timed_out() -> None:
         with pytest.raises(DriverError):
             m.arms["right"].turn.brake.write(OnOff.ON)
         calls.clear()
-        with pytest.raises(DriverError, match="it is away: no answer") as caught:
+        with pytest.raises(DriverError, match="the driver is away: no answer") as caught:
             m.reset()
         assert calls == ["valve", *REST]
         assert sorted(failed(caught.value)) == sorted(RIGHT)

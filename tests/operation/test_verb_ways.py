@@ -41,7 +41,7 @@ ASKED: Mapping[str, tuple[str, dict[str, Any]]] = {
 """A path and arguments for each verb that can be done on the machine that faces are tried on, in this order."""
 OF_LIFE = {WRITE, LET_GO}
 """Refused by ways that do not tell whether a client lives."""
-ROLE = re.compile(r"may (\w+); ([a-z ]+) needs the role (\w+)")
+ROLE = re.compile(r"has the role (\w+); ([a-z ]+) needs the role (\w+)")
 
 
 @pytest.fixture(autouse=True)
@@ -108,7 +108,7 @@ def test_every_verb_that_is_offered_is_asked_for() -> None:
 def test_a_verb_is_refused_to_who_has_no_role_for_it_and_in_the_wrong_mode(role: Role, mode: Mode) -> None:
     for verb, text in answers(OpcUa, role, mode, "own").items():
         if role < verb.role:
-            assert text.startswith(f"bob may {role}; {verb.name} needs the role {verb.role} in [users]"), verb.name
+            assert text.startswith(f"bob has the role {role}; {verb.name} needs the role {verb.role} in [users]"), verb.name
         elif verb.only_manual and mode is Mode.AUTOMATIC:
             assert f"{verb.name} is possible in manual mode only" in text
         elif verb is LET_GO and mode is Mode.AUTOMATIC:
@@ -149,7 +149,7 @@ def check_without_lease(name: str, mode: Mode, lease: str, refusal: str) -> None
             elif verb is STOP:
                 assert text.startswith("done")
             elif not way.tells_life and verb is WRITE:
-                assert text.endswith("transmits none")
+                assert text.endswith("transmits no heartbeats")
             else:
                 assert text == refusal, (role, verb.name)
 

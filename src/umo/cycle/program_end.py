@@ -72,7 +72,7 @@ def check_thread(has_devices: bool, handler: Callable[[int], object] = usual_han
         return
     if deadly := [signal_name(number) for number in SIGNALS if handler(number) is signal.SIG_DFL]:
         raise DeclarationError(
-            f"in thread {threading.current_thread().name!r}: {' and f'.join(deadly)} would end this program and leave "
+            f"in thread {threading.current_thread().name!r}: {' and '.join(deadly)} would end this program and leave "
             f"the outputs as they are, because Python handles signals only in the main thread; write in the main "
             f"thread, before this thread is started: signal.signal(signal.{deadly[0]}, signal.default_int_handler)"
             f"{' for each signal' if len(deadly) > 1 else ''}; or use umo.start, which has a guardian"

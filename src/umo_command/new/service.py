@@ -27,7 +27,7 @@ REFUSED = {
     "acknowledge": "a service must not acknowledge an unsafe end by itself",
     "fault": "faults are injected by hand",
     "fault_seed": "faults are injected by hand",
-    "fresh": "each start would discard the kept values; to do this once, use `umo run STATION --fresh`",
+    "fresh": "each start would set the kept values aside; to do this once, use `umo run STATION --fresh`",
     "full_traceback": "failure.txt in the run's folder has the traceback",
     "help_": "`umo run STATION --help` shows the options",
 }
