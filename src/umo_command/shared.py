@@ -254,5 +254,6 @@ def interrupt_once(number: int, frame: FrameType | None) -> None:
 def begin_again(seed: str) -> None:
     """Restart this command with another hash seed, because Python reads the seed only when a process starts. Do nothing
     if `umo` is not a separate process."""
-    if Path(sys.argv[0]).stem in ("umo", "umo_command") and sys.orig_argv[1:2] != ["-c"]:
+    program = Path(sys.argv[0])
+    if (program.stem == "umo" or program == Path(__file__).with_name("__main__.py")) and sys.orig_argv[1:2] != ["-c"]:
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | {HASH_SEED: seed})

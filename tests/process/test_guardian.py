@@ -387,7 +387,7 @@ def test_a_driver_that_hangs_while_leaving_is_noticed_after_the_limit_for_a_hang
     wiring = process_box.wiring(tmp_path / "box", type=hangs, process={"hang_timeout": "200 ms"})
     outcome = Run(wiring).outcome()
     assert outcome.failure is not None
-    assert "no sign of life for 200 ms while stopping" in outcome.failure.message
+    assert "no heartbeat for 200 ms while stopping" in outcome.failure.message
     assert_safe(cells)
 
 

@@ -66,7 +66,7 @@ def test_a_file_cut_at_every_byte_costs_all_its_values_and_the_next_run_keeps_it
     for end in range(len(DATA)):
         path.write_bytes(DATA[:end])
         assert kept_values.take_over(plan, said.append) == {}
-        assert said[-1].startswith("the kept values of the last run are lost: it is ")
+        assert said[-1].startswith("the kept values of the last run are lost: the file is ")
     kept_file.write(path, DATA)
     assert kept_values.take_over(plan, said.append) == VALUES.sections
     assert len(said) == len(DATA)

@@ -230,5 +230,5 @@ def test_records_are_in_var_tmp_unless_umo_state_names_another_folder(
 def test_the_campaign_does_as_many_kills_as_the_page_says() -> None:
     from bench.kills.kinds import KINDS
 
-    (said,) = re.findall(r"does ([\d,]+) kills", " ".join(PAGE.read_text("utf-8").split()))
+    (said,) = re.findall(r"makes ([\d,]+) kills", " ".join(PAGE.read_text("utf-8").split()))
     assert int(said.replace(",", "")) == sum(kind.count for kind in KINDS)

@@ -218,7 +218,7 @@ def test_recording_a_running_station_says_what_it_does_and_how_to_end_it(
     CtrlC(monkeypatch, bench_runs)
     result = umo("recording", "make", "press", "run.mcap")
     assert result.exit_code == 0, result.stderr
-    assert "records press (rig) (running for 0 s) in run.mcap; Ctrl-C ends the record" in result.stdout
+    assert "recording press (rig) (running for 0 s) in run.mcap; Ctrl-C ends the recording" in result.stdout
     assert "recorded: run.mcap (25 periods" in result.stderr.replace("\n", " ")
 
 
@@ -228,7 +228,7 @@ def test_a_flight_recorder_beside_a_running_station_leaves_nothing_when_it_is_st
     CtrlC(monkeypatch, bench_runs)
     result = umo("recording", "make", "press", "run.mcap", "--last", "1 min")
     told = result.stdout.replace("\n", " ")
-    assert "keeps the last 60 s of press (rig)" in told and "umo recording save press" in told
+    assert "keeping the last 60 s of press (rig)" in told and "umo recording save press" in told
     assert "ended before the run, and saved nothing" in result.stderr.replace("\n", " ")
     assert result.exit_code == 0 and not list(Path().glob("*.mcap")) and not flight_folder.all_folders()
 
@@ -285,7 +285,7 @@ def test_a_recorder_that_is_killed_is_told_and_the_run_goes_on(
         until(lambda: (beside.look(), is_noted_as_ended(begun[0]))[1])
         head = started.frames.head
         until(lambda: started.frames is not None and started.frames.head > head)
-        assert "the recorder has ended (signal 9); the machine runs on" in capfd.readouterr().err.replace("\n", " ")
+        assert "the recorder has ended (signal 9); the machine continues" in capfd.readouterr().err.replace("\n", " ")
     assert not beside.complete and started.outcome is not None and started.outcome.failure is None
     with Recording(file) as recording:
         assert len(recording.frames()) > 100 and recording.replayable_from is None

@@ -335,7 +335,7 @@ def test_each_command_says_that_a_chunk_is_damaged(umo: Umo, bases: dict[str, Ba
     assert "lost       900 in 1 gap" in info and "not whole" in info and "at byte" in info, info
     told = umo("recording", "export", str(path), "--out", str(tmp_path / "run.npz"))
     assert "900 periods are missing in the recording" in told.stderr and "at byte" in told.stderr, told.output
-    assert "900 are missing" in umo("recording", "repair", str(path)).stdout
+    assert "900 periods are missing" in umo("recording", "repair", str(path)).stdout
     with Recording(path) as recording:
         assert recording.is_whole and recording.gaps and not recording.complete
 

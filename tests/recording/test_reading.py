@@ -172,7 +172,7 @@ def test_umo_info_export_and_plot_tell_what_they_did(umo: Umo, recorded: Path) -
     assert result.exit_code == 0 and "run.csv: 100 periods" in result.stdout
     result = umo("recording", "plot", str(recorded), "part0", "--out", "part.png")
     assert result.exit_code == 0 and Path("part.png").read_bytes().startswith(b"\x89PNG")
-    assert "100 periods are left out" in result.stderr
+    assert "100 periods are not shown" in result.stderr
 
 
 def test_a_file_in_the_place_of_a_path_is_told_the_option_for_it(umo: Umo, recorded: Path) -> None:

@@ -117,7 +117,7 @@ def test_a_rotation_that_finds_no_room_leaves_the_files_of_others_alone(
 def test_a_file_in_the_place_of_the_second_part_is_refused_before_the_run(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     part_name(path, 2).write_bytes(b"another recording")
-    with pytest.raises(OptionError, match=r"run\.2\.mcap already"):
+    with pytest.raises(OptionError, match=r"run\.2\.mcap, the name of the second file, exists already"):
         order_of(path, {}, None, path)
 
 

@@ -160,7 +160,7 @@ def test_what_is_no_command_is_refused_in_words() -> None:
     async def work() -> None:
         async with served() as (_, client):
             for name, value, words in (
-                ("plant:cell:level", 1.0, "read only"),
+                ("plant:cell:level", 1.0, "read-only"),
                 ("plant:cell:add", 1, "argument weight is missing"),
                 ("plant:run:mode", 0, "no mode"),
             ):
@@ -314,7 +314,7 @@ def test_a_flood_of_puts_of_one_connection_keeps_no_other_waiting_for_the_look_a
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"host": "0.0.0.0"}, "pvAccess proves no user"),
+        ({"host": "0.0.0.0"}, "pvAccess does not prove who a user is"),
         ({"prefix": "my plant:"}, "contains a space"),
         ({"search_port": 0}, "not from 1 to 65535"),
         ({"port": 70000}, "not from 0 to 65535"),

@@ -15,7 +15,7 @@ from umo.clients.faces.face_settings import FaceSettings, faces_of, faces_settin
 from umo.errors import OptionError
 from umo.wiring import source
 
-LAMP = "test_face_settings:Lamp"
+LAMP = f"{__name__}:Lamp"
 
 
 class Lamp(Face):
@@ -95,9 +95,9 @@ def test_a_face_is_made_with_the_options_of_the_table_and_those_of_the_command_l
         ([LAMP], {LAMP: {"port": "x"}}, "port: must be a whole number"),
         ([LAMP], {LAMP: {"port": -3}}, "port -3 is below 0"),
         ([LAMP], {"lamb": {"port": 3}}, "an option was given for lamb, which is not served"),
-        (["test_face_settings:Broken"], {}, "cannot be made: RuntimeError: no such lamp"),
-        (["test_face_settings:Nothing"], {}, "cannot be imported"),
-        (["test_face_settings:source"], {}, "is not a umo face"),
+        ([f"{__name__}:Broken"], {}, "cannot be created: RuntimeError: no such lamp"),
+        ([f"{__name__}:Nothing"], {}, "cannot be imported"),
+        ([f"{__name__}:source"], {}, "is not a umo face"),
         (["no_such_module:Face"], {}, "cannot be imported"),
     ],
 )
@@ -109,9 +109,9 @@ def test_what_is_wrong_with_a_face_is_told(names: list[str], changes: dict[str, 
 @pytest.mark.parametrize(
     ("line", "told"),
     [
-        ("porte = 3", "rig.toml:4: faces.test_face_settings:Lamp.porte: unknown key (did you mean 'port'?)"),
-        ("port = 'x'", "rig.toml:4: faces.test_face_settings:Lamp.port: must be a whole number"),
-        ("port = -3", "rig.toml:3: faces.test_face_settings:Lamp: port -3 is below 0"),
+        ("porte = 3", f"rig.toml:4: faces.{LAMP}.porte: unknown key (did you mean 'port'?)"),
+        ("port = 'x'", f"rig.toml:4: faces.{LAMP}.port: must be a whole number"),
+        ("port = -3", f"rig.toml:3: faces.{LAMP}: port -3 is below 0"),
     ],
 )
 def test_a_mistake_in_the_options_of_a_face_has_its_line(tmp_path: Path, line: str, told: str) -> None:

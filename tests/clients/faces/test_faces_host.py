@@ -213,7 +213,7 @@ def test_a_dead_band_of_no_number_is_refused() -> None:
         face = Recorder()
         async with TriedMachine() as rig, hosted(rig, face):
             await until(lambda: face.machine)
-            with pytest.raises(OptionError, match=r"dead band: 'cell.limit' is no number"):
+            with pytest.raises(OptionError, match=r"dead band: 'cell.limit' is not the path of a number"):
                 ChangeFilter(None, face.machine, {"cell.limit": 1.0})  # type: ignore[arg-type]
 
     asyncio.run(work())
@@ -307,7 +307,7 @@ def test_what_is_kept_up_is_refused_where_the_protocol_does_not_tell_whether_a_c
             ("write", "cell.valve", {"value": 1.0}),
             ("call", "cell.jog", {"arguments": {"velocity": 1.0}}),
         ):
-            with pytest.raises(CommandRefused, match="only while its client lives"):
+            with pytest.raises(CommandRefused, match="only while its client sends heartbeats"):
                 await face.commands.ask(user, do, path, **more)
 
     commanded(step, mode=Mode.MANUAL)

@@ -197,11 +197,11 @@ def test_files_that_are_no_certificates_are_told_in_a_line(tmp_path: Path, autho
     nonsense = tmp_path / "nonsense.pem"
     nonsense.write_bytes(b"\x00nonsense")
     for given in ({"ca": nonsense}, {"ca": tmp_path / "none"}, {"ca": authority.file, "certificate": nonsense}):
-        with pytest.raises(OptionError, match=r"(nonsense\.pem|none): no certificates") as told:
+        with pytest.raises(OptionError, match=r"(nonsense\.pem|none): these are not certificates") as told:
             asyncio.run(HomeAssistant(**given).open())  # type: ignore[arg-type]
         assert "\n" not in str(told.value)
 
 
 def test_a_host_that_no_computer_can_have_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="no name of a computer"):
+    with pytest.raises(OptionError, match="not the name of a computer"):
         Sparkplug(host="a..b", ca=tmp_path)

@@ -244,7 +244,7 @@ def test_what_is_not_kept_any_more_when_the_server_is_back_is_a_gap_and_told(
         assert count == last - first + 1 > 20
         deltas = history.deltas()
         assert sorted([*deltas, *range(first, last + 1)]) == list(range(deltas[-1] + 1))
-        assert [each for each in fleet.said if each.startswith(f"{PLANT}: {count} deltas and 0 events did not go")]
+        assert [each for each in fleet.said if each.startswith(f"{PLANT}: {count} deltas and 0 events were not stored")]
 
     tried(server, work)
 

@@ -49,7 +49,7 @@ def test_nothing_is_overwritten(fleet: Authority) -> None:
         Authority.create(fleet.folder)
     key = (fleet.folder / "ann" / "key.pem").read_bytes()
     for name in ("ann", "authority"):
-        with pytest.raises(OptionError, match="not overwritten"):
+        with pytest.raises(OptionError, match="does not overwrite it"):
             fleet.issue("user", name)
     assert (fleet.folder / "ann" / "key.pem").read_bytes() == key
 
@@ -168,7 +168,7 @@ def test_a_user_is_whom_the_certificate_names(fleet: Authority, tmp_path: Path) 
     assert settings.user == "ann"
     with pytest.raises(OptionError, match="belongs to user:ann; this command needs the certificate of a site"):
         settings.require("site")
-    with pytest.raises(OptionError, match=r"'bob', and the certificate .* is of user:ann"):
+    with pytest.raises(OptionError, match=r"'bob', but the certificate .* belongs to user:ann"):
         fleet_settings.load(tmp_path / "none.toml", changes | {"user": "bob"})
 
 

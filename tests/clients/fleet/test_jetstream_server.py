@@ -74,7 +74,7 @@ def test_a_wrong_address_is_told_without_its_password(url: str, told: str) -> No
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (JetStreamTable(user="ann"), "belong together"),
+        (JetStreamTable(user="ann"), "both a user and a password"),
         (JetStreamTable("ann", "/none"), "/none cannot be read: No such file"),
         (JetStreamTable("ann", "/none", "/none"), "/none cannot be read: No such file"),
     ],

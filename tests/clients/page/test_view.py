@@ -73,7 +73,7 @@ def test_the_run_that_is_named_is_shown_first_and_a_name_of_several_is_refused(
     with running(place=tmp_path / "a"), running("press", place=tmp_path / "b"):
         umo("show", "page", str(tmp_path / "b"), "--port", "0")
         assert [each.first for each in served] == [InitialStation("press", str(tmp_path / "b"), os.getpid())]
-        assert "2 runs of press are going on; give the pid" in refused(umo("show", "page", "press", "--port", "0"))
+        assert "2 runs of press are active; give the pid" in refused(umo("show", "page", "press", "--port", "0"))
 
 
 def test_a_mistake_in_the_roles_is_told_when_other_computers_may_operate(

@@ -286,7 +286,7 @@ def test_a_refused_write_to_an_input_that_is_not_steady_is_seen_in_part() -> Non
 def test_the_table_has_the_text_of_a_rule_and_the_remark_behind_it() -> None:
     certificate = conform(simulated(), only=["descriptors", "memory"], cycles=500)
     text = " ".join(str(certificate).replace("│", " ").split())
-    assert "[5 openings; no line" in text
+    assert "[5 openings; there is no line" in text
     assert "3 rounds of 166 cycles" in text
 
 
@@ -417,7 +417,7 @@ def test_after_the_device_was_away_a_driver_may_bring_outputs_to_their_defaults_
 
     found = conform(wired(Restores), only=["levels kept"]).finding("levels kept")
     assert found.verdict is (Judgement.FAILED if wrong else Judgement.PASSED), found.why
-    assert not wrong or "to 7 in a read of back:out:0, after the device was away" in found.why
+    assert not wrong or "to 7 during a read of back:out:0, after the device was away" in found.why
 
 
 class Answers:
@@ -443,7 +443,7 @@ def test_a_level_that_moves_by_a_request_of_a_look_is_seen_also_if_the_look_does
     witness = Witness(context, context.new(), None)
     with witness.looking():
         context.watch.doing = "look"
-    assert witness.seen == "valve went from 0 to 7 in a look"
+    assert witness.seen == "valve went from 0 to 7 during a look"
 
 
 # Status, causes, time ---------------------------------------------------------------------------------------

@@ -118,6 +118,7 @@ def _bands(machine: Declaration, given: Mapping[str, float]) -> Any:
     for pattern, band in given.items():
         numbers = [place for place in chosen(names, [pattern], machine.station) if not machine.items[place].states]
         if not numbers:
-            raise OptionError(f"dead band: {pattern!r} is not the path of a number{did_you_mean(pattern, names)}")
+            known = [item.name for item in machine.items if not item.states]
+            raise OptionError(f"dead band: {pattern!r} is not the path of a number{did_you_mean(pattern, known)}")
         bands[numbers] = band
     return bands

@@ -76,7 +76,7 @@ def _unmerged(folder: Path) -> Iterator[None]:
             is_merging = not lock_within(held.enter_context(open(folder / MERGING)), MERGING_TIMEOUT, shared=True)
         if is_merging:
             raise OptionError(
-                f"{folder}: the recorder has been merging files for {MERGING_TIMEOUT:g} s; it may have stopped"
+                f"{folder}: the recorder has been merging files for {MERGING_TIMEOUT:g} s; it may be stopped"
             )
         yield
 
