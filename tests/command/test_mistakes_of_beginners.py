@@ -109,7 +109,7 @@ SEQUENCE = {
 """What a beginner writes in a sequence, and what `umo check` tells of it."""
 CLASS = {
     "    def control(self) -> None:\n        Hysteresis(self.a, self.b, 1, low=0, high=1).control()\n": (
-        "`Hysteresis(self.a, self.b, 1, low=0, high=1)` is created again in each period, so it keeps no state: create it"
+        "`Hysteresis(self.a, self.b, 1, low=0, high=1)` is created again in each period, so it keeps no state"
     ),
     "    def contol(self) -> None:\n        pass\n": "nothing calls `contol`: umo calls `control`",
     "    def interlock(self) -> None:\n        pass\n": "nothing calls `interlock`: umo calls `interlocks`",
@@ -117,7 +117,7 @@ CLASS = {
     "    target = 1.0\n\n    def aim(self, target: float) -> None:\n        target = target\n": (
         "`target` is a name of this function only, and nothing reads it: write `self.target = ...`"
     ),
-    "    past = []\n\n    def note(self) -> None:\n        self.past.append(1)\n": "`past` is shared by all objects and all runs",
+    "    past = []\n\n    def note(self) -> None:\n        self.past.append(1)\n": "`past` is shared by all objects",
 }
 """The same in a class."""
 RIGHT_CLASS = [

@@ -76,7 +76,9 @@ def test_a_misspelt_attribute_is_refused_with_the_nearest_one() -> None:
     assert not hasattr(m, "tagret")
     with pytest.raises(AttributeError, match=r"^zone has no attribute 'limt' \(did you mean 'limit'\?\)"):
         m.zone.limt = 1.0  # type: ignore[attr-defined]
-    with pytest.raises(AttributeError, match=r"^Oven has no attribute 'xyz'; give a new attribute its first value in the cl"):
+    with pytest.raises(
+        AttributeError, match=r"^Oven has no attribute 'xyz'; give a new attribute its first value in the cl"
+    ):
         m.xyz = 1  # type: ignore[attr-defined]
 
 

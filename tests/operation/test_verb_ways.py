@@ -108,7 +108,9 @@ def test_every_verb_that_is_offered_is_asked_for() -> None:
 def test_a_verb_is_refused_to_who_has_no_role_for_it_and_in_the_wrong_mode(role: Role, mode: Mode) -> None:
     for verb, text in answers(OpcUa, role, mode, "own").items():
         if role < verb.role:
-            assert text.startswith(f"bob has the role {role}; {verb.name} needs the role {verb.role} in [users]"), verb.name
+            assert text.startswith(f"bob has the role {role}; {verb.name} needs the role {verb.role} in [users]"), (
+                verb.name
+            )
         elif verb.only_manual and mode is Mode.AUTOMATIC:
             assert f"{verb.name} is possible in manual mode only" in text
         elif verb is LET_GO and mode is Mode.AUTOMATIC:
