@@ -11,12 +11,12 @@ test("what happened is marked by what it was, in the order of time", () => {
   const events = [
     event({ time: 2, asked: "mode manual", command: 3, who: "ann", state: "done" }),
     event({ time: 5, path: "z.jog", asked: "call z.jog", command: 4, who: "ann", state: "done" }),
-    event({ time: 6, path: "z.motor", text: "limited" }),
+    event({ time: 6, path: "z.motor", text: "inhibited: the door is open" }),
   ];
   const marks = marksOf(events, [[3, 2], [7, 1]]);
   assert.deepEqual(marks.map(({ time, kind }) => [time, kind]), [[2, "mode"], [3, "missed"], [5, "command"], [6, "guard"], [7, "missed"]]);
   assert.deepEqual([marks[1].text, marks[4].text], ["3.000 s 2 periods missed", "7.000 s 1 period missed"]);
-  assert.equal(sentence(events[2]), "6.000 s z.motor: limited");
+  assert.equal(sentence(events[2]), "6.000 s z.motor: inhibited: the door is open");
 });
 
 test("alarms, faults, interlocks and ends have kinds of their own", () => {
@@ -28,6 +28,7 @@ test("alarms, faults, interlocks and ends have kinds of their own", () => {
     ["fault", event({ path: "z", text: "in fault: DriverError", asked: "fault" })], ["over", event({ path: "z", text: "fault cleared" })],
     ["fault", event({ path: "driver plc", text: "is away: no answer" })], ["over", event({ path: "driver plc", text: "is back after 2 s" })],
     ["guard", event({ path: "z.motor", text: "inhibited until acknowledged: the door is open" })], ["guard", event({ path: "z.motor", text: "command expired: not written for 1 s, default sent" })],
+    ["guard", event({ text: "the door is open: 12 actuators inhibited" })], ["guard", event({ text: "12 commands expired: not written for 1 s, defaults sent" })],
     ["told", event({ path: "filler.unit", text: "state: execute" })], ["command", event({ who: "ann", asked: "stop", state: "done" })],
     ["fault", event({ asked: "end", state: "failed", text: "ValueError" })], ["mode", event({ asked: "end", state: "done", text: "done" })],
   ];

@@ -45,7 +45,7 @@ const whole = byName("#whole");
 const tabs = [...document.querySelectorAll("button")].filter((button) => button.dataset.view);
 /** @type {{name: string, run: string | null, view: Page.View | null} | null} */
 let mounted = null;
-const LATCHED = /to be acknowledged|one of many/;  // in the reason of an interlock whose cause is gone (umo/cycle)
+const LATCHED = /latched: acknowledge it|one of many/;  // in the reason of an interlock whose cause is gone (umo/cycle)
 const fleet = new FleetTable((name) => choose(name));
 let asked = 0;
 /** @type {{name: string, place: string, run: string} | null} */

@@ -7,11 +7,11 @@ const REACH = 10;  // CSS pixels beside a mark at which it is told
 const MAX_TOLD = 6;  // events that a mark tells
 const COMES = /^(bad )?unacknowledged /;  // an alarm's state that begins its text (umo/operation/alarms)
 const ENDS = /^(fault cleared|is back|was initialised again)/;  // umo/cycle
-const GUARDED = /^(inhibited|command expired|limited)/;
+const GUARDED = /^(inhibited|command expired)| actuators inhibited| commands expired/;  // of one actuator, of several
 
 /** The kinds, the gravest first, in words. */
 export const KINDS = {
-  fault: "fault", alarm: "alarm", missed: "periods missed", guard: "interlock, limit or expiry", command: "command", mode: "mode, end of the run",
+  fault: "fault", alarm: "alarm", missed: "periods missed", guard: "interlock or expiry", command: "command", mode: "mode, end of the run",
   over: "end of an alarm or a fault", told: "told by the machine",
 };
 const ORDER = /** @type {Page.Mark["kind"][]} */ (Object.keys(KINDS));
