@@ -455,6 +455,19 @@ class BoolBesideAConstant(Program):
     def control(self) -> None:
         self.yes = (self.u < 2.0) > -3
         self.c = int((self.u < 2.0) == 1) + 2 * int((self.n > 1) < 0.5) + 4 * int((self.u > 0.0) != -1)
+        self.c += 8 * int(100 not in (1, int(self.maybe is None), 3))
+
+
+@equal
+class StateChosenByASign(Program):
+    """gcc makes a shift of it, and warns of the int."""
+
+    def begin(self) -> None:
+        self.level = Level.NONE
+
+    def control(self) -> None:
+        self.level = Level.SOME if self.n < 0 else Level.NONE
+        self.c = self.level.value
 
 
 class Halved:

@@ -123,12 +123,16 @@ def _simpler(one: Program) -> Iterator[Edits]:
 # Trees --------------------------------------------------------------------------------------------------------
 
 
+SHARED = (ast.expr_context, ast.boolop, ast.operator, ast.unaryop, ast.cmpop)
+"""Nodes of which Python has one object for all trees."""
+
+
 def numbered(text: str) -> ast.Module:
     """The tree of a program, each of whose nodes that may be edited has a number."""
     tree = ast.parse(text)
     functions = [each for each in ast.walk(tree) if isinstance(each, ast.FunctionDef) and each.name in REDUCED]
     nodes = (each for function in functions for part in function.body for each in ast.walk(part))
-    for number, each in enumerate(nodes):
+    for number, each in enumerate(each for each in nodes if not isinstance(each, SHARED)):
         each.number = number  # type: ignore[attr-defined]
     return tree
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from umo.generate.c_types import BOOL, MASK, REAL
+from umo.generate.c_types import BOOL, MASK, REAL, StateType
 from umo.generate.emit.c_text import real, truth
 from umo.generate.form import (
     Address,
@@ -76,7 +76,10 @@ class FormValues:
             f"({self.text(each)})" if isinstance(each, Conditional) else self.text(each)
             for each in (value.one, value.other)
         )
-        return f"{test} ? {one} : {other}"
+        text = f"{test} ? {one} : {other}"
+        if isinstance(value.one, Literal) and isinstance(value.one.of, StateType):  # gcc: an int is converted
+            return f"({value.one.of.name})({text})"
+        return text
 
     def _tight(self, value: Value) -> str:
         """Return the text in parentheses where operators around it could bind more tightly."""

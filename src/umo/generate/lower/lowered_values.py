@@ -31,6 +31,7 @@ from umo.generate.c_types import (
 )
 from umo.generate.form import (
     ONE,
+    Conditional,
     Conversion,
     Element,
     Field,
@@ -40,6 +41,7 @@ from umo.generate.form import (
     Operator,
     OptionalValue,
     TupleOf,
+    Unary,
     Value,
     differs,
     has,
@@ -210,6 +212,8 @@ class LoweredValues(LoweredSubject):
                 kinds = {REAL: "a real number", INT: "a whole number", BOOL: "a bool"}
                 nearest = f"{PLAIN_NAMES[of]}(...), or {kinds[code.type]} from the start"
                 raise self.f.refused(node, f"{kinds[code.type]} where {kinds[of]} was before", nearest)
+            if of == INT and isinstance(code.value, Operator | Unary):  # a bool: gcc warns if it is compared
+                return Conditional(code.value, literal(1, INT), literal(0, INT))
             return Conversion(of, code.value)
         if of == MASK and code.type == state(Quality):
             return Operator("<<", Conversion(MASK, ONE), code.value)
