@@ -166,7 +166,8 @@ class PeriodInC(Capability):
         self._is_told = True
         drivers = {f"the transfers of {name}": why for name, why in self.drivers.items()}
         left = "; ".join(f"{what} ({why})" for what, why in (self.reasons | drivers).items())
-        self._say(f"the period is carried out in C{f', but by Python: {left}' if left else ''}", logged=bool(left))
+        rest = f"; Python still carries out {left}" if left else ""
+        self._say(f"the period is carried out in C{rest}", logged=bool(left))
 
     def _calls(self) -> tuple[Callable[..., object], ...]:
         """The Python functions, in the order in which period.c calls them."""
