@@ -62,10 +62,8 @@ def _endless(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
         return
     blocks = (each for each in within(scope.node) if isinstance(each, ast.Try | ast.With))
     if not any(node in ast.walk(each) or each in ast.walk(node) for each in blocks):
-        yield (
-            node.test,
-            ("no period passes in this loop, so the machine stops here: write `await next_period()` in the loop"),
-        )
+        text = "no period passes in this loop, so the machine stops here: write `await next_period()` in the loop"
+        yield node.test, text
 
 
 def _ramp(code: ModuleCode, node: ast.For, scope: NameScope) -> Remarks:
@@ -92,13 +90,8 @@ def overwritten(code: ModuleCode, values: CodeObjects, statements: list[ast.stmt
             continue
         items = values.objects(one[0], scope)
         if items and all(each.synchronous for each in items) and ast.unparse(one[1]) != ast.unparse(other[1]):
-            yield (
-                first,
-                (
-                    "`{}` has no effect, because no period passes before the next value: write `await wait(...)` "
-                    "between the two"
-                ),
-            )
+            text = "`{}` has no effect, because no period passes before the next value"
+            yield first, f"{text}: write `await wait(...)` between the two"
 
 
 def _write_in(code: ModuleCode, node: ast.stmt, scope: NameScope) -> tuple[ast.expr, ast.expr] | None:
@@ -144,13 +137,8 @@ def _constant(code: ModuleCode, test: ast.expr, scope: NameScope) -> Remarks:
         return
     for name, found in bound.items():
         if found and found[0].how == "value" and (reading := _reading(code, found[0].node, scope)):
-            yield (
-                test,
-                (
-                    f"`{{}}` never changes, because `{name}` was read once, before: write `{reading}` instead of "
-                    f"`{name}`"
-                ),
-            )
+            text = f"`{{}}` never changes, because `{name}` was read once, before"
+            yield test, f"{text}: write `{reading}` instead of `{name}`"
             return
 
 

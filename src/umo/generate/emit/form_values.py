@@ -77,7 +77,8 @@ class FormValues:
             for each in (value.one, value.other)
         )
         text = f"{test} ? {one} : {other}"
-        if isinstance(value.one, Literal) and isinstance(value.one.of, StateType):  # gcc: an int is converted
+        if isinstance(value.one, Literal) and isinstance(value.one.of, StateType):
+            # gcc makes a shift of `x < 0 ? 1 : 0`, and warns that its int becomes a state
             return f"({value.one.of.name})({text})"
         return text
 

@@ -212,7 +212,8 @@ class LoweredValues(LoweredSubject):
                 kinds = {REAL: "a real number", INT: "a whole number", BOOL: "a bool"}
                 nearest = f"{PLAIN_NAMES[of]}(...), or {kinds[code.type]} from the start"
                 raise self.f.refused(node, f"{kinds[code.type]} where {kinds[of]} was before", nearest)
-            if of == INT and isinstance(code.value, Operator | Unary):  # a bool: gcc warns if it is compared
+            if of == INT and isinstance(code.value, Operator | Unary):
+                # of a bool: gcc warns if a converted comparison is compared with a number
                 return Conditional(code.value, literal(1, INT), literal(0, INT))
             return Conversion(of, code.value)
         if of == MASK and code.type == state(Quality):

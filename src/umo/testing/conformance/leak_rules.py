@@ -85,11 +85,8 @@ def descriptors(context: RuleContext) -> str:
     _check_while_open(context)
     _check_inherited(context)
     words = [f"{openings} openings"]
-    words += (
-        []
-        if context.subject.line is not None
-        else ["there is no line, so no connections were lost and no answers were spoiled"]
-    )
+    if context.subject.line is None:
+        words.append("there is no line, so no connections were lost and no answers were spoiled")
     return "; ".join(words)
 
 
