@@ -19,6 +19,8 @@ PAIR_TAKES = 75.0
 FAST = (("ztheta", 0.0001), ("converter", 0.00005))
 SLICE = 2.0
 """Time in s of a slice of a fast loop."""
+SETTLED = 1_000
+"""Periods of z-theta at 1 ms that are left out: in them compiled laws are compared with Python's."""
 WATCHED = "ztheta", "converter", "batch"
 MOST_LOOKS = 1.05
 """A period with the looks at what the laws take as known, to one without them, at most."""
@@ -47,7 +49,7 @@ def _at_1_ms(pairs: int, program: object, doing: Doing) -> Iterator[Target]:
             doing(f"z-theta at 1 ms, {pair + 1} of {pairs}")
             slices = {name: Samples() for name in loops}
             for name in ("Python", "compiled") if pair % 2 else ("compiled", "Python"):
-                with realtime._station(slices[name], "auto", compiled=name == "compiled"):
+                with realtime._station(slices[name], "auto", compiled=name == "compiled", after=SETTLED):
                     if name == "Python":
                         count = realtime._count(slices[name])
                         slices["C"].add(native.run(program, realtime.PERIOD, count, granted.priority, granted.cpu))
@@ -59,7 +61,7 @@ def _at_1_ms(pairs: int, program: object, doing: Doing) -> Iterator[Target]:
     for name, samples in loops.items():
         yield live._row(f"z-theta, 1 ms, {name}: waking up + execution", samples)
     for name, found in ratios.items():
-        for place, (what, limit) in enumerate((("p50", 0.9), ("p99", 1.0))):
+        for place, (what, limit) in enumerate((("p50", 0.8), ("p99", 0.9))):
             each = sorted(ratio[place] for ratio in found)
             ratio = float(np.median(each))
             text = f"{each[0]:.2f} to {each[-1]:.2f}"
@@ -90,18 +92,20 @@ def _fast(name: str, period: float, slices: int, program: object, doing: Doing) 
         FastLoop(name, period, False),
     )  # the timer of neither stands still for long
     loops = {"Python": Samples(), "compiled": Samples(), "C": Samples()}
-    count, busy_wait = int(SLICE / period), busy_wait_for(period)
-    compiled.run(int(1.0 / period), busy_wait)  # the laws are compared in these
+    count = int(SLICE / period)
+    compiled.run(int(1.0 / period), busy_wait_for(period, True))  # the laws are compared in these
     for turn in range(slices):
         doing(f"{name} at {1e-3 / period:g} kHz, {turn + 1} of {slices}")
-        loops["Python"].add(python.run(count, busy_wait))
-        loops["C"].add(native.run(program, period, count, compiled.priority, compiled.cpu, busy_wait))
-        loops["compiled"].add(compiled.run(count, busy_wait))
+        loops["Python"].add(python.run(count, busy_wait_for(period)))
+        # the kernel would stop a C loop that never sleeps for a twentieth of the time
+        loops["C"].add(native.run(program, period, count, compiled.priority, compiled.cpu, busy_wait_for(period)))
+        loops["compiled"].add(compiled.run(count, busy_wait_for(period, True)))
     python.close()
     state, _ = compiled.close()
     for what, samples in loops.items():
         label = f"{what} ({state})" if what == "compiled" else what
-        yield live._row(f"{name}, {1e-3 / period:g} kHz, {label}, waiting busily", samples)
+        share = "half of each period" if what == "C" else "as umo run does"
+        yield live._row(f"{name}, {1e-3 / period:g} kHz, {label}, waiting busily {share}", samples)
     verdict = "met" if loops["compiled"].missed <= loops["C"].missed else "missed"
     of = count * slices
     missed = f"{loops['compiled'].missed:,} and {loops['C'].missed:,} of {of:,}"

@@ -74,8 +74,11 @@ def _count(samples: Samples) -> int:
 
 
 @contextmanager
-def _station(found: Samples, busy_wait: str | int, most: int = 10**9, compiled: bool = False) -> Iterator[None]:
-    """One part, from homing to placing, or so many periods; then the block, in which its readers are still there."""
+def _station(
+    found: Samples, busy_wait: str | int, most: int = 10**9, compiled: bool = False, after: int = 0
+) -> Iterator[None]:
+    """One part, from homing to placing, or so many periods; then the block, in which its readers are still there. The
+    first `after` periods are left out."""
     wiring = tomllib.loads(_wiring().read_text("utf-8")) | {"process": {"busy_wait": busy_wait, "compile": compiled}}
     with umo.start("ztheta", wiring, parts=1, realtime=True, acknowledge=True) as started:
         while started.frames is None and started.outcome is None:
@@ -83,6 +86,10 @@ def _station(found: Samples, busy_wait: str | int, most: int = 10**9, compiled: 
         if started.frames is None:
             raise RuntimeError(f"the station did not start: {started.outcome}")
         company, begun = [*_readers(str(started.pid))], _count(found)
+        left_out = Samples()
+        while started.outcome is None and _count(left_out) < after:
+            started.poll(ENOUGH)
+            take(started.frames, left_out)
         first = last = _processor(started.pid) or (0, 0)
         try:
             while started.outcome is None and _count(found) - begun < most:

@@ -303,11 +303,12 @@ class Output:
         accepted: Answer = True
         if self.due <= 0:
             self.due += self.kind.every
-            if self._guard(self.holds) == FAILED or (accepted := self._send_period()) == FAILED:
+            if self._guard(self.holds) == FAILED:
                 return FAILED
+            accepted = self._send_period()
         self.urgent = self.urgent and self.at != self.pending
         sent = self._send_period() if self.urgent else True
-        return accepted if sent is True else sent
+        return FAILED if FAILED in (accepted, sent) else accepted and sent
 
     def _send_period(self) -> Answer:
         if not self.kind.synchronous:

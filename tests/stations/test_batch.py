@@ -384,7 +384,7 @@ FAILURES: dict[str, dict[str, Any]] = {
 }
 REASONS = {
     "its thermometer breaks": "could not be read: plant: disconnected",
-    "its box is away for 2 s": "could not be read: box_0: it is away: disconnected",
+    "its box is away for 2 s": "could not be read: box_0: the driver is away: disconnected",
     "its phase raises": "ZeroDivisionError: division by zero",
 }
 

@@ -6,10 +6,15 @@ import itertools
 import math
 import sys
 from collections.abc import Sequence
+from ctypes import c_int64
+from random import Random
 
 import numpy as np
 import pytest
 
+from helpers.in_c import TRANSFER
+from umo.drivers import Direction
+from umo.drivers.transfers_in_c import native
 from umo.errors import ChannelError, DriverError, WiringError
 
 pytest.importorskip("mujoco")
@@ -338,6 +343,53 @@ def _steps_taken(machine: Plant, levels: Sequence[tuple[int, int]], *, advance: 
             machine.advance()
     machine.advance()
     return round((machine.physics.drive._field - before) / math.radians(0.225))
+
+
+def _moved_in_c(machine: Plant, texts: Sequence[str], raws: list[int]) -> list[int]:
+    """Move these levels by the plant's transfer in C. Returns those of inputs."""
+    channels = [machine.channel(text) for text in texts]
+    found = machine.in_c(channels, channels[0].direction is Direction.OUTPUT)
+    assert not isinstance(found, str), found
+    cells = (c_int64 * len(raws))(*raws)
+    assert TRANSFER(found.function)(found.context, cells, len(raws)) == 0
+    return list(cells)
+
+
+@pytest.mark.skipif(native is None, reason="the extension in C was not built")
+def test_transfers_in_c_move_the_machine_as_those_in_python_do_also_in_turns_with_them() -> None:
+    random, one, other = Random(1), opened(), opened()
+    texts = ["dac:z", "dio:step", "dio:direction", "dio:counterweight", "dio:vacuum"]
+    channels = [one.channel(text) for text in texts]
+    inputs = ["counter:z", "counter:theta", "adc:counterweight", "dio:gripper"]
+    for machine in (one, other):
+        write(machine, dac=0)
+    for _ in range(400):
+        raws = [random.randint(-900, 900), *(random.randint(0, 1) for _ in texts[1:])]
+        one.write_many(channels, np.array(raws))
+        if random.random() < 0.8:
+            _moved_in_c(other, texts, raws)
+        else:
+            other.write_many(channels, np.array(raws))
+        if random.random() < 0.3:  # an asynchronous actuator, in Python: before the tick, after the transfer
+            level = random.randint(0, 1)
+            write(one, step=level)
+            write(other, step=level)
+        one.advance()
+        other.advance()
+        assert _moved_in_c(other, inputs, [0] * 4) == [read(one, text) for text in inputs]
+    assert one.physics.drive._field == other.physics.drive._field
+
+
+@pytest.mark.skipif(native is None, reason="the extension in C was not built")
+def test_transfers_in_c_are_not_offered_for_the_tick_for_inputs_as_outputs_or_before_a_drive_is_initialised() -> None:
+    machine = opened()
+    assert machine.in_c([machine.channel("tick")], False) == "time passes in Python"
+    assert machine.in_c([machine.channel("counter:z")], True) == "time passes in Python"
+    assert machine.in_c([machine.channel("dac:z")], True) == "it is not initialised"
+    write(machine, dac=0)
+    assert not isinstance(machine.in_c([machine.channel("dac:z")], True), str)
+    assert machine.in_c([machine.channel("pwm:z")], True) == "it is not initialised"
+    assert Plant().in_c([machine.channel("counter:z")], False) == "it is not initialised"
 
 
 def test_every_rising_edge_is_one_step() -> None:

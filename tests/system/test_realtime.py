@@ -70,20 +70,24 @@ def test_what_is_granted_is_used() -> None:
 
 
 @pytest.mark.parametrize(
-    ("granted", "period", "busy_wait"),
+    ("granted", "period", "compiled", "busy_wait"),
     [
-        ((80, 1), 1.0, 200e-6),
-        ((80, 1), 1e-4, 50e-6),
-        ((0, 1), 1e-3, 0.0),
-        ((80, None), 1e-3, 0.0),
-        ((80, 0), 1e-3, 200e-6),
+        ((80, 1), 1.0, False, 200e-6),
+        ((80, 1), 1e-4, False, 50e-6),
+        ((80, 1), 2e-4, True, 100e-6),
+        ((80, 1), 1e-4, True, 100e-6),
+        ((80, 1), 5e-5, True, 50e-6),
+        ((0, 1), 5e-5, True, 0.0),
+        ((0, 1), 1e-3, False, 0.0),
+        ((80, None), 1e-3, False, 0.0),
+        ((80, 0), 1e-3, False, 200e-6),
     ],
 )
 def test_a_process_rises_early_by_itself_where_it_has_priority_and_a_core(
-    monkeypatch: pytest.MonkeyPatch, granted: tuple[int, int | None], period: float, busy_wait: float
+    monkeypatch: pytest.MonkeyPatch, granted: tuple[int, int | None], period: float, compiled: bool, busy_wait: float
 ) -> None:
     monkeypatch.setattr(realtime, "granted", lambda: granted)
-    assert realtime.default_busy_wait(period) == pytest.approx(busy_wait)
+    assert realtime.default_busy_wait(period, compiled) == pytest.approx(busy_wait)
 
 
 def test_a_process_is_sent_its_signal_also_where_its_parent_has_died_before_it_asked() -> None:

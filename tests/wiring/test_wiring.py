@@ -863,6 +863,14 @@ def test_a_process_table_that_makes_no_sense_is_a_fault(table: dict[str, Any], s
         process_of(table)
 
 
+def test_a_process_with_a_period_of_100_us_may_wait_busily_for_all_of_it() -> None:
+    assert process_of({"busy_wait": "100 us"}, "100 us").process.busy_wait == pytest.approx(100e-6)
+    with pytest.raises(WiringError, match="101 µs is more than the period, 100 µs"):
+        process_of({"busy_wait": "101 us"}, "100 us")
+    with pytest.raises(WiringError, match="101 µs is more than half of the period, 200 µs"):
+        process_of({"busy_wait": "101 us"}, "200 us")
+
+
 @pytest.mark.parametrize(
     ("given", "busy_wait"),
     [

@@ -144,6 +144,10 @@ def _pass(
     limit: float, condition: Callable[[], bool] | None = None, stays: float = 0.0
 ) -> Generator[object, Clock, bool]:
     """Let periods pass until the condition has stayed true (True) or the limit in s is over (False)."""
+    if condition is not None and limit == math.inf and not stays:  # no time is to be counted
+        while not condition():
+            yield _PERIOD
+        return True
     passed, since = 0.0, math.inf  # whole periods: until now, and until the condition came true
     last, required = (math.inf if time else 0.0 for time in (limit, stays))  # known with the first tick
     while True:

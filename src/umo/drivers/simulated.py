@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from ctypes import addressof, c_int64, c_void_p
+from ctypes import addressof, c_int64
 from typing import NamedTuple
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.optional import MovesInC, TransferInC
-from umo.drivers.transfers_in_c import NOT_BUILT, native
+from umo.drivers.transfers_in_c import of_cells
 
 
 class Written(NamedTuple):
@@ -73,13 +73,10 @@ class Simulated(Driver, MovesInC):
         out[:] = [get(channel.text) or 0 for channel in channels]
 
     def in_c(self, channels: Sequence[Channel], write: bool) -> TransferInC | str:
-        if native is None:
-            return NOT_BUILT
         if self._history.maxlen:
             return "it keeps a history of writes: set `history = 0`"
         cells = [self._cell(channel.text) for channel in channels]
-        places = (c_void_p * len(cells))(*map(addressof, cells))
-        return TransferInC(native.SCATTER if write else native.GATHER, addressof(places), (cells, places))
+        return of_cells([*map(addressof, cells)], write, cells)
 
     def _put(self, channel: str, raw: int) -> None:
         if channel in self._cells:

@@ -259,7 +259,7 @@ class Control:
         refusals = realtime.prepare(process.priority, process.cpu)
         busy_wait = process.busy_wait
         if busy_wait is None:  # asked now: connecting may take so long that the guardian makes this an ordinary process
-            busy_wait = realtime.default_busy_wait(plan.wired.period or 0.0)
+            busy_wait = realtime.default_busy_wait(plan.wired.period or 0.0, process.compile)
         self._connection = connection = connect(plan.machine, plan.wired)
         connection.device_claim = self._device_claim
         connection.on_step = self._run_state.beat

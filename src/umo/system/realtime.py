@@ -30,6 +30,9 @@ LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
 """The parts of names that identify libraries of which a loop uses only a small part."""
 BUSY_WAIT = 200e-6
 """Time in s for waking up and cache warming (docs/decisions/0018)."""
+SLEEPLESS = 100e-6
+"""The longest period in s in which a loop with compiled laws and its own core does not sleep: waking up takes as
+long."""
 PR_SET_CHILD_SUBREAPER = 36
 PR_SET_TIMERSLACK = 29
 CAP_IPC_LOCK = 14
@@ -81,16 +84,23 @@ def granted() -> tuple[int, int | None]:
     return os.sched_getparam(0).sched_priority if fifo else 0, next(iter(cores)) if alone else None
 
 
-def busy_wait_for(period: float) -> float:
+def busy_wait_for(period: float, compiled: bool = False) -> float:
     """Return the time, in whole us, of busy waiting before each tick of a loop with this period in s: at most half of
-    the period."""
-    return min(BUSY_WAIT, floor(period / 2 * 1e6 + 1e-6) * 1e-6)
+    the period. With compiled laws and a period of at most `SLEEPLESS` it is the whole period."""
+    most = longest_busy_wait(period) if compiled else period / 2
+    return min(BUSY_WAIT, floor(most * 1e6 + 1e-6) * 1e-6)
 
 
-def default_busy_wait(period: float) -> float:
+def longest_busy_wait(period: float) -> float:
+    """Return the longest permitted time in s of busy waiting before each tick: half of the period, or the whole period
+    if it is at most `SLEEPLESS`."""
+    return period if period <= SLEEPLESS else period / 2
+
+
+def default_busy_wait(period: float, compiled: bool = False) -> float:
     """Return the default for a process without a setting: 0 without SCHED_FIFO and a reserved core."""
     priority, core = granted()
-    return busy_wait_for(period) if priority and core is not None else 0.0
+    return busy_wait_for(period, compiled) if priority and core is not None else 0.0
 
 
 def prepare_guardian(priority: int, cpu: int | None = None) -> None:

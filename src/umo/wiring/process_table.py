@@ -9,6 +9,7 @@ from umo.drivers.contract import MAX_DEFAULT_TIMEOUT
 from umo.drivers.off_cycle import OffCycle
 from umo.duration import duration, seconds
 from umo.errors import DeclarationError
+from umo.system.realtime import SLEEPLESS, longest_busy_wait
 from umo.wiring.settings import TakenBy, a_whole, above_0, one_of, values_of
 from umo.wiring.source import WiringSource
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
@@ -78,9 +79,9 @@ def _check_busy_wait(source: WiringSource, busy_wait: float | None, wired: Wired
         return
     if wired.period is None:
         source.mistake("process.busy_wait", "the machine has no timer")
-    elif busy_wait > wired.period / 2:
-        period = duration(wired.period)
-        source.mistake("process.busy_wait", f"{duration(busy_wait)} is more than half of the period, {period}")
+    elif busy_wait > longest_busy_wait(wired.period):
+        period, of = duration(wired.period), "" if wired.period <= SLEEPLESS else "half of "
+        source.mistake("process.busy_wait", f"{duration(busy_wait)} is more than {of}the period, {period}")
 
 
 def remarks(wired: Wired) -> list[str]:

@@ -230,7 +230,8 @@ class ProcessSettings:
     busy_wait: float | None = None
     """Time in s before each tick of a timer in real time (timerfd, `--realtime`) from which the control process waits
     busily (spins); 0 means that it sleeps until the tick. None means 200 us, but at most half of the period, if
-    SCHED_FIFO and a core were granted; otherwise 0. Only a control process waits busily: `connect` and `umo.run` sleep
+    SCHED_FIFO and a core were granted; otherwise 0. With `compile` and a period of at most 100 us, None means the whole
+    period. Only a control process waits busily: `connect` and `umo.run` sleep
     until the tick."""
     outputs: str = AT_ONCE
     """The time at which `update` of the whole machine sends: "at once", or "at next tick", which means immediately

@@ -106,8 +106,8 @@ class Plant(Driver, Reports):
         self.outputs[channel.text] = raw
 
     def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
-        for place, channel in enumerate(channels):
-            out[place] = self.read(channel)
+        inputs = self.inputs
+        out[:] = [self.read(channel) if channel.text == "tick" else inputs[channel.text] for channel in channels]
 
     def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
         outputs = self.outputs

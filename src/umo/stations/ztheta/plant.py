@@ -26,12 +26,14 @@ The truth (`z_um`, `theta_deg`, `truth()`) is for tests and observers; no channe
 from __future__ import annotations
 
 from collections.abc import Sequence
+from ctypes import addressof, c_int64, sizeof
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import one_of
-from umo.drivers.optional import Reports
+from umo.drivers.optional import MovesInC, Reports, TransferInC
+from umo.drivers.transfers_in_c import of_cells
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.system.packages import how_to_install
 
@@ -75,7 +77,7 @@ DAC, PWM, STEP_LINE, DIRECTION, INPUTS, TICK = (
 )
 
 
-class Plant(Driver[PlantChannel], Reports):
+class Plant(Driver[PlantChannel], Reports, MovesInC):
     """The station, simulated. The first `open` builds the machine; a later one finds the machine as it was left, with
     its circuits switched on again (counts at 0). After `close` the plant can still be advanced.
 
@@ -106,7 +108,9 @@ class Plant(Driver[PlantChannel], Reports):
         self._physics: Physics | None = None
         self._steps = 1
         self._drive: int | None = None
-        self._levels = [0] * len(CHANNELS)
+        self._levels = (c_int64 * len(CHANNELS))()
+        self._seen = 0, 0
+        """The levels of dio:step and dio:direction after the last transfer."""
         self._pulses = 0
 
     # The five functions -------------------------------------------------------------------------
@@ -133,7 +137,9 @@ class Plant(Driver[PlantChannel], Reports):
 
     def write(self, channel: PlantChannel, raw: int) -> None:
         """Set an output. The z drives saturate. Raises DriverError for a level other than 0 and 1 on a line."""
-        self._put(channel, raw, self._levels[DIRECTION])
+        self._count_step()
+        self._put(channel, raw)
+        self._count_step()
 
     def read_many(self, channels: Sequence[PlantChannel], out: IntArray) -> None:
         levels = self._levels
@@ -143,13 +149,31 @@ class Plant(Driver[PlantChannel], Reports):
 
     def write_many(self, channels: Sequence[PlantChannel], raws: IntArray) -> None:
         levels = self._levels
-        stood = levels[DIRECTION]
+        self._count_step()
         for channel, raw in zip(channels, raws.tolist(), strict=True):
             if raw != levels[channel.index]:
-                self._put(channel, raw, stood)
+                self._put(channel, raw)
+        self._count_step()
 
-    def _put(self, channel: PlantChannel, raw: int, stood: int) -> None:
-        """Set one output. `stood`: the direction before this transfer, in which a rising edge makes a step."""
+    def in_c(self, channels: Sequence[PlantChannel], write: bool) -> TransferInC | str:
+        places = [channel.index for channel in channels]
+        if not all(place < INPUTS if write else INPUTS <= place < TICK for place in places):
+            return "time passes in Python"
+        if self._physics is None or any(place <= PWM and place != self._drive for place in places):
+            return "it is not initialised"
+        first = addressof(self._levels)
+        return of_cells([first + place * sizeof(c_int64) for place in places], write, self._levels)
+
+    def _count_step(self) -> None:
+        """Count a rising edge of dio:step in the last transfer, which may have been made in C. The step has the
+        direction that stood before the transfer."""
+        step, direction = self._seen
+        self._seen = self._levels[STEP_LINE], self._levels[DIRECTION]
+        if self._seen[0] > step:
+            self._pulses += 1 if direction else -1
+
+    def _put(self, channel: PlantChannel, raw: int) -> None:
+        """Set one output."""
         index = channel.index
         lowest, highest = RANGES[index]
         if index <= PWM:
@@ -161,8 +185,6 @@ class Plant(Driver[PlantChannel], Reports):
             raise DriverError(f"{channel.text} takes 0 or 1, not {raw}")
         if self._physics is None:
             raise DriverError("the plant is not open")
-        if index == STEP_LINE and raw > self._levels[index]:
-            self._pulses += 1 if stood else -1
         self._levels[index] = raw
 
     def _claim(self, index: int) -> None:
@@ -182,6 +204,7 @@ class Plant(Driver[PlantChannel], Reports):
         else:
             self._physics.power_up()
         self._levels[:] = [0] * len(CHANNELS)
+        self._seen = 0, 0
         self._pulses = 0
         self._drive = None
         self._refresh(self._physics)
@@ -206,6 +229,7 @@ class Plant(Driver[PlantChannel], Reports):
     def advance(self, periods: int = 1) -> None:
         """Simulate a number of periods with the present levels; this is also possible after `close`."""
         physics = self._opened()
+        self._count_step()
         dac, pwm, _, _, z_index, theta_index, valve, vacuum, puff = self._levels[:INPUTS]
         steps, self._pulses = self._pulses, 0
         volts = -pwm * (10.0 / 32767) if self._drive == PWM else dac * (10.0 / 2047)
