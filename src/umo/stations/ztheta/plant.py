@@ -240,12 +240,12 @@ class Plant(Driver[PlantChannel], Reports, MovesInC):
         self._refresh(physics)
 
     def _refresh(self, physics: Physics) -> None:
-        self._levels[INPUTS:TICK] = (
+        self._levels[INPUTS:TICK] = [
             physics.z_counter.raw,
             physics.theta_counter.raw,
             physics.counterbalance.raw,
             physics.gripper.raw,
-        )
+        ]
 
     def _opened(self) -> Physics:
         if self._physics is None:
