@@ -18,6 +18,7 @@ Each failure is one line, reduced, which --replay plays again, with its trace.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
@@ -71,7 +72,7 @@ def main() -> int:
     parser.add_argument("--random", type=int, metavar="N", default=0)
     parser.add_argument("--seed", type=int, default=0, help="of the order of the processes; 0: each in turn")
     parser.add_argument("--from", type=int, default=1, dest="first", metavar="SEED")
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="default: one for each core")
     parser.add_argument("--until-wrong", action="store_true", help="end at the first schedule that is wrong")
     parser.add_argument(
         "--hunt", type=int, metavar="N", default=0, help="what finds a fault soonest, to the first wrong"
