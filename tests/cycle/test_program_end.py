@@ -198,7 +198,7 @@ def test_a_machine_with_devices_is_refused_in_a_thread_while_a_signal_would_kill
 
 PROGRAM = """
 import os, signal, sys, threading
-sys.path.insert(0, {tests!r})
+sys.path[:0] = [{tests!r}, {here!r}]
 from umo import run
 from umo.states import OnOff
 from umo.testing import Scripted
@@ -239,7 +239,7 @@ ENDS = {
 @pytest.mark.parametrize("how", ENDS)
 def test_the_outputs_of_a_daemon_thread_are_at_their_defaults_however_the_program_ends(how: str) -> None:
     end, status = ENDS[how]
-    code = PROGRAM.format(tests=str(Path(__file__).parents[1]), daemon=True, end=end)
+    code = PROGRAM.format(tests=str(Path(__file__).parents[1]), here=str(Path(__file__).parent), daemon=True, end=end)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (done.stdout, done.returncode) == ("10", status), done.stderr
 
@@ -248,6 +248,6 @@ def test_the_outputs_of_a_daemon_thread_are_at_their_defaults_however_the_progra
 @pytest.mark.full
 def test_a_thread_that_is_no_daemon_goes_on_after_the_program_until_a_signal() -> None:
     end = "threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGTERM)).start()"
-    code = PROGRAM.format(tests=str(Path(__file__).parents[1]), daemon=False, end=end)
+    code = PROGRAM.format(tests=str(Path(__file__).parents[1]), here=str(Path(__file__).parent), daemon=False, end=end)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout == "10", done.stderr

@@ -124,6 +124,12 @@ def test_of_a_fleet(line: str, fleet: Run) -> None:
 
 
 @FEED
+def test_after_a_slow_declaration_the_clocks_are_compared_again(fleet: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(feed_world, "LONG", 2.0)  # longer than values are fresh
+    assert fleet(Schedule.of("join H")) == ""
+
+
+@FEED
 @pytest.mark.full
 @pytest.mark.parametrize("scenario", FLEET)
 def test_a_fleet_whatever_becomes_of_six_messages(scenario: str, fleet: Run) -> None:

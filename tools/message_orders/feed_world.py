@@ -35,7 +35,7 @@ AWAY = 14.0
 IN_STEP_TIME = 12.0
 """s after the last message that the schedule decides over within which a mirror has all that there is."""
 END_TIME = 60.0
-"""s within which a mirror ends after its run."""
+"""s after its run, and after the last message that the schedule decides over, within which a mirror ends."""
 
 
 class Station:
@@ -225,9 +225,11 @@ class FeedWorld:
         require(not self._is_fresh, "nothing comes any more, and values are shown as fresh")
 
     def _until_ended(self) -> None:
-        mirror, until = self.mirror, self.net.now + END_TIME
+        mirror, decided = self.mirror, -1
         assert mirror is not None
         while not mirror._ended.is_set():
+            if self.net.decided != decided:
+                decided, until = self.net.decided, self.net.now + END_TIME
             require(self.net.now < until, f"the mirror does not end within {END_TIME:g} s")
             self.step()
         require(self._last == self.station.number - 1, "the mirror ends without the last frame")

@@ -38,7 +38,8 @@ class Net:
         self.now = 0.0
         self.counts = self.is_dead = False
         """While it does not count, all is delivered; while it is dead, nothing that is sent."""
-        self._decided = 0
+        self.decided = 0
+        """The number of messages that letters have decided over."""
         self.messages = 0
         self._order = count()
         self._under_way: list[tuple[float, int, Callable[[], object]]] = []
@@ -48,7 +49,7 @@ class Net:
 
     @property
     def is_decided(self) -> bool:
-        return self._decided >= len(self._letters)
+        return self.decided >= len(self._letters)
 
     @property
     def next_due(self) -> float:
@@ -60,8 +61,8 @@ class Net:
         letter = "."
         self.messages += 1
         if self.counts and not self.is_decided:
-            letter = self._letters[self._decided]
-            self._decided += 1
+            letter = self._letters[self.decided]
+            self.decided += 1
         hold = {"W": self._short, "H": self._long}.get(letter, 0.0)
         if letter == "L" or self.is_dead:
             return

@@ -91,7 +91,7 @@ def test_a_tunable_reaches_the_law_and_a_fault_of_the_law_the_host(controller: R
 
 
 def test_another_version_of_the_part_is_refused(controller: RunningController) -> None:
-    with pytest.raises(DriverError, match="has another theta, or another version of it: generate it again"):
+    with pytest.raises(DriverError, match="another part than theta, or another version of this part: generate the"):
         move(controller.port, 229.0, host_timeout="50 ms")
     with pytest.raises(DriverError, match='write real = "double"'):
         move(controller.port, 229.0, real="float")

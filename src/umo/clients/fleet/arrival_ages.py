@@ -4,27 +4,27 @@ from __future__ import annotations
 
 import time
 
-WINDOW = 30_000_000_000
-"""Length in ns of a window in which the quickest arrival is searched. Only the last two windows are used, because the
-clocks of a computer that slept have shifted."""
-
 
 class ArrivalAges:
-    """Computes ages from the monotonic clocks of both computers, relative to the quickest arrival so far. This is
-    necessary because the difference of the clocks is not known, and UTC may be wrong."""
+    """Computes ages from the monotonic clocks of both computers. The difference of these clocks is not known, and UTC
+    may be wrong. What is known are limits of the difference: data cannot arrive before it was made, and data that was
+    asked for is not older than a known age. The ages are the greatest that these limits permit."""
 
     def __init__(self) -> None:
-        self._quickest: int | None = None
-        self._before: int | None = None
-        self._since = 0
+        self._difference: int | None = None
+        """The smallest possible difference in ns of this computer's clock to that of the station."""
+
+    def know(self, made: int, earliest: float) -> None:
+        """Take as known that data made at `made`, in ns of the station's clock, was made at `earliest` or later, in s
+        of this computer's clock. This replaces what was known before: the clock of a computer stands still while the
+        computer sleeps."""
+        self._difference = round(earliest * 1e9) - made
 
     def age(self, made: int, now: int | None = None) -> float:
-        """Return the age in s of data made at `made`, in ns of the station's clock. `now` is in ns of this computer's
-        clock; default: the present time."""
+        """Return the greatest possible age in s of data made at `made`, in ns of the station's clock. Without a call of
+        `know` it is infinite. `now` is in ns of this computer's clock; default: the present time."""
         now = time.monotonic_ns() if now is None else now
-        way = now - made
-        if self._quickest is None or now - self._since > WINDOW:
-            self._before, self._quickest, self._since = self._quickest, way, now
-        self._quickest = min(self._quickest, way)
-        floor = self._quickest if self._before is None else min(self._quickest, self._before)
-        return (way - floor) * 1e-9
+        if self._difference is None:
+            return float("inf")
+        self._difference = min(self._difference, now - made)
+        return (now - made - self._difference) * 1e-9

@@ -109,14 +109,12 @@ class FleetMirror:
         self._ended = threading.Event()
         self._heard = time.monotonic()
         """The earliest time in s at which what is shown may have been made."""
-        self._checked = float("-inf")
+        self._checked = self._compared = float("-inf")
         self._is_stale = False
         self._limit = max(STALE_AFTER, 10 * float(layout.about["period"]))
         self._commands = MirrorCommands(session, key, user, self._ring, self._tell)
         if words:
-            self._image[:] = np.frombuffer(words, np.uint64)
-            self._take_rest(rest)
-            self._show(asked - _age_in(facts))
+            self._take_image(words, rest, asked - _age_in(facts))
         self._thread = threading.Thread(target=self._follow, name=f"umo fleet {key}", daemon=True)
         self._thread.start()
 
@@ -191,7 +189,9 @@ class FleetMirror:
             raise FramesError("a delta contains a quality that does not exist; it was not used")
         if delta.rest:
             self._take_rest(delta.rest)
-        self._show(time.monotonic())
+        self._show()
+        if self._is_stale:
+            self._compare_clocks()
 
     def _check(self, otherwise: str) -> None:
         """The message does not follow the last one: the run may have ended, or the origin of its last delta is unknown.
@@ -221,9 +221,27 @@ class FleetMirror:
         self._count_lost(number := int(facts["number"]))
         self._number = number
         self._feed.restart(number + 1)
+        self._take_image(words, rest, asked - _age_in(facts))
+
+    def _take_image(self, words: bytes, rest: bytes, earliest: float) -> None:
+        """Show the image of a declaration, which was made at `earliest` (s) or later."""
         self._image[:] = np.frombuffer(words, np.uint64)
+        self._ages.know(self._made, earliest)
         self._take_rest(rest)
-        self._show(asked - _age_in(facts))
+        self._show()
+
+    def _compare_clocks(self) -> None:
+        """Ask for the declaration, as its image is known to be fresh: deltas that arrive in time would be shown as
+        stale if the last declaration was slow, or if a computer has slept since."""
+        now = time.monotonic()
+        if now - self._compared < CHECK_PAUSE:
+            return
+        self._compared = now
+        about, _, words, _ = unpacked(declaration_of(self._session, self.key))
+        facts = json.loads(about)
+        if bytes.fromhex(facts["run"]) == self._run and words:
+            made = np.frombuffer(words, np.int64)[self._began]
+            self._ages.know(int(made), now - _age_in(facts))
 
     def _count_lost(self, number: int) -> None:
         if self._number != NONE:
@@ -251,11 +269,15 @@ class FleetMirror:
 
     # The ring ------------------------------------------------------------------------------------------------
 
-    def _show(self, since: float) -> None:
-        """The image, which has just come. It may be as old as `since`: when it was asked for, less its age then. What
-        comes late, as after a loss of the network, is not fresh."""
-        now, age = time.monotonic(), self._ages.age(int(self._image.view("<i8")[self._began]))
-        self._heard = min(since, now - age)
+    @property
+    def _made(self) -> int:
+        """The time in ns of the station's clock at which the image was made."""
+        return int(self._image.view("<i8")[self._began])
+
+    def _show(self) -> None:
+        """The image, which has just come. What comes late, as after a loss of the network, is not fresh."""
+        now = time.monotonic()
+        self._heard = now - self._ages.age(self._made)
         self._is_stale = now - self._heard > self._limit
         self._add(Quality.STALE if self._is_stale else Quality.GOOD)
 
