@@ -77,7 +77,8 @@ class Outcome:
     driven: bool = False
     """True if the machine was connected completely, with every object initialised."""
     unsafe: bool = False
-    """True if the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
+    """True if the guardian had to reset the machine, or was lost before all actuators were at their defaults. The next
+    run must acknowledge this."""
     unreached: list[str] = field(default_factory=list)
     reports: dict[str, Any] = field(default_factory=dict)
     """Reports of the drivers on their circuits or plants, by the driver's name, as plain data."""

@@ -341,12 +341,14 @@ def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: 
     and from the report of the control process, if there is one. `actuators`: the known actuators of the machine.
     `name`: the name of the station. `running`: whether the machine had been started."""
     if status < 0 and left is not None:
-        what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended; {INSPECT}"
+        what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended; "
+        # it may have been killed before or after it has removed the records of a safe end
+        what += INSPECT if left.unreached else f"{left.outputs}; the next start may need --acknowledge"
         if left.failure is None:
             left.failure = Failed("GuardianLost", what, 1)
         else:
             left.failure.message += f"\n{what}"
-        left.unsafe = True
+        left.unsafe = bool(left.unreached)
         return left
     if status == 0:
         return Outcome()
