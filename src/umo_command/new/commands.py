@@ -95,7 +95,7 @@ def controller(
     ] = None,
 ) -> int:
     """Write the controller of a machine in C: its objects, interlocks, rates, expiry times and control laws, with a
-    loop and a watchdog. The code uses no heap, and its access to the hardware is yours to fill in.
+    loop and a watchdog. The code uses no heap. You fill in its access to the hardware.
 
     Scales, ranges and defaults come from the wiring. Numbers come from the machine with its parameters. No device is
     opened. If some code cannot be translated, all such code is listed with file and line, and nothing is written. The

@@ -185,9 +185,7 @@ _TEST = '''"""{facts}
 Made by umo recording shrink. The {what}: {text}
 It fails as long as the control code gives it.
 """
-
 from pathlib import Path
-
 from umo.testing import {function}
 
 

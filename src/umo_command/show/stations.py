@@ -59,7 +59,8 @@ def show_stations(as_json: bool = False) -> None:
 
 
 def _lines(unread: Callable[[str], object]) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
-    """A line for each run. A run with damaged frames does not hide the others: `unread` is called with it."""
+    """Yield the facts of each run. If the frames of a run are damaged, `unread` is called with the error, and the other
+    runs follow."""
     for reader in search.readers(unread):
         try:
             with reader, search.reading(reader.path):
@@ -173,7 +174,7 @@ def _told(reader: RunReader) -> tuple[dict[str, Any], dict[str, str]]:
 
 
 def _table(found: list[dict[str, str]]) -> Table:
-    """The columns in which something stands."""
+    """Return a table of the runs, with the columns that are not empty."""
     table = plain_table()
     titles = [title for title in COLUMNS if any(facts[title] for facts in found)]
     for title in titles:
