@@ -43,7 +43,7 @@ def _acknowledge_ends(name: str) -> None:
     stopped = [each for each in records if each.device == name or each.station in names]
     if not stopped:
         near = did_you_mean(name, [each.station for each in records])
-        raise FramesError(f"{name!r} neither runs nor stands stopped{near}") from None
+        raise FramesError(f"no station or device {name!r} is running or must be acknowledged{near}") from None
     for ended in stopped:
         DeviceClaim([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
         out.print(f"acknowledged: {ended.brief}", soft_wrap=True)

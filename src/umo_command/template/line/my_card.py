@@ -1,7 +1,6 @@
 """The driver `my_card`, made by `umo new driver`: binary frames over TCP.
 
-To change: CHANNELS, the options and the frames. my_card_device.py stands in for the
-device.
+Change CHANNELS, the options and the frames. my_card_device.py simulates the device.
 
     [drivers.my_card]
     type = ".my_card:MyCard"    # without the dot if this is not in a station's folder

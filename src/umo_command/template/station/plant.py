@@ -15,7 +15,8 @@ CHANNELS = {
 
 
 class Plant(Driver):
-    """A tank of 520 mm: the inlet raises the level by 20 mm/s, the drain lowers it in proportion to the root of the level.
+    """A tank of 520 mm. The inlet raises the level by 20 mm/s. The drain lowers it in proportion to the root of the
+    level.
 
     Options: level: level at the start, mm. leak: leak of the tank, mm/s.
     """
