@@ -165,7 +165,7 @@ def _standing(plan: Plan) -> list[str]:
     """Return what must be acknowledged before the first start."""
     ended = [each.brief for device in plan.wired.devices for each in standing(device) if each.state == "stopped"]
     return (
-        [f"the unit cannot start before these devices are acknowledged: {some(ended)}; `umo do {plan.name} acknowledge`"]
+        [f"acknowledge these devices before the first start: {some(ended)}; `umo do {plan.name} acknowledge`"]
         if ended
         else []
     )

@@ -138,8 +138,8 @@ def attach(name: str | None) -> Reader:
 
 
 def standing() -> list[Ended]:
-    """Return the machines that must be acknowledged: their last run ended unsafely, or all of its processes have ended. The
-    newest are first."""
+    """Return the machines that must be acknowledged: their last run ended unsafely, or all of its processes have
+    ended. The newest are first."""
     found = [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
     return sorted(found, key=lambda ended: ended.when, reverse=True)
 
