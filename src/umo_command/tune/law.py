@@ -147,7 +147,7 @@ def _say_doubts(result: TuningResult) -> None:
     if result.faster is not None and result.faster < FASTER:
         say(
             f"{result.facts.inner}, the inner law, is only {result.faster:.1f} times faster than the rest of the "
-            f"process ({FASTER:g} at least, better 5): make the inner law faster, and repeat the experiment"
+            f"process (it needs at least {FASTER:g}; 5 is better): make the inner law faster, and repeat the experiment"
         )
 
 
