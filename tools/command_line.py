@@ -37,7 +37,7 @@ An option has one meaning everywhere:
 | `--json` | print JSON |
 | `--for TIME` | a duration |
 | `--from TIME`, `--to TIME` | a part of a run, on the machine's clock |
-| `--last TIME` | only the data of this last time |
+| `--last TIME` | only the newest data, for this length of time |
 | `--keep SIZE`, `--keep-runs NUMBER` | the size, or the number of runs, to keep: older parts or runs are removed |
 | `--set NAME=VALUE` | change a value or option |
 | `--wiring`, `-w` | a wiring |

@@ -100,7 +100,7 @@ def running_and_paths(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 
 def _first_running(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Return stations for the first word; for the others nothing: the first one is the station from now on."""
+    """Return stations for the first word, and nothing for later words. From then on the first word is the station."""
     words = ctx.params.get("words") or []
     ctx.params |= {"station": words[0]} if words else {}
     return [] if words else running(ctx, incomplete)
@@ -179,8 +179,8 @@ def _machine(ctx: typer.Context) -> Iterator[Reader | None]:
 
 
 def _station(ctx: typer.Context) -> str:
-    """Return the station that was named; "" if none was. After an option without its value the arguments cannot be told
-    apart."""
+    """Return the station that was named, or "" if none was named. After an option without its value, the arguments
+    cannot be distinguished."""
     return str(ctx.params.get("station") or next(iter(ctx.args), ""))
 
 

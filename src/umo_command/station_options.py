@@ -175,14 +175,14 @@ def help_panel(station: Station, wiring: str | None, *, application: bool = True
 
 
 def _shown(default: Any) -> str:
-    """A default, as it is given in the command line."""
+    """Return a default in the form in which the command line takes it."""
     if isinstance(default, tuple | list):
         return ", ".join(map(_shown, default))
     return str(default.value if isinstance(default, Enum) else default)
 
 
 def _of_function(function: Any, taker: str, skip: int = 0) -> list[Option]:
-    """The parameters that a text can give."""
+    """Return the parameters whose values can be given as text."""
     found = parameters_of(function, skip).values()
     return [
         replace(_option(each, taker, function), required=each.default is each.empty)

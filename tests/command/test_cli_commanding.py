@@ -170,7 +170,7 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
             ["device", "set", "conveyor", "sorter.window", "3"],
             "sorter.window is a number: `umo tune number` changes it",
         ),
-        (["do", "conveior", "acknowledge"], "'conveior' neither runs nor stands stopped"),
+        (["do", "conveior", "acknowledge"], "no station or device 'conveior' is running or must be acknowledged"),
         (["do", "conveyor", "call", "sorter.belt.run_at", "-3"], "sorter.belt.run_at: speed: -3 m/s is outside 0 to 1"),
         (["do", "conveyor", "call", "sorter.belt.run_at", "1", "2"], "'2' is not one of its arguments: speed=..."),
         (

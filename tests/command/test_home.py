@@ -103,10 +103,10 @@ def test_of_many_that_stand_stopped_the_newest_are_shown(umo: Umo, monkeypatch: 
     ended = [Ended(f"port {n}", "press", "", "stopped", float(n)) for n in range(8)]
     monkeypatch.setattr(stations, "all_standing", lambda: ended)
     found = umo("show", "stations").stdout
-    assert [line.split(", ")[2] for line in found.splitlines() if "stands stopped" in line] == [
+    assert [line.split(", ")[2] for line in found.splitlines() if "must be acknowledged: " in line] == [
         f"port {n}" for n in (7, 6, 5, 4, 3)
     ]
-    assert "3 more stand stopped" in found
+    assert "3 more must be acknowledged" in found
 
 
 def test_a_station_that_runs_is_shown(umo: Umo, tmp_path: Path) -> None:

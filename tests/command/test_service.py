@@ -183,7 +183,7 @@ def test_a_machine_that_stands_stopped_is_told_and_its_start_has_a_status_that_i
     record.begin(False)
     record.stopped("its guardian was killed", ["pump"])
     result = umo("new", "service", "tank", "-w", "modbus")
-    assert "the unit cannot start while these devices stand stopped: tank (modbus), not reached: pump" in result.stderr
+    assert "acknowledge these devices before the first start: tank (modbus), not reached: pump" in result.stderr
     status = umo("run", "tank", "-w", "modbus", "--no-plot").exit_code
     assert str(int(status)) in section(result.stdout)["RestartPreventExitStatus"].split()
     assert not (tank.parent / "runs").exists()

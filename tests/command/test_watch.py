@@ -75,7 +75,7 @@ def test_ps_names_the_machines_that_stand_stopped() -> None:
     run.begin(False)
     run.stopped("the control process hung", ["motor"])
     found = said(umo("show", "stations"))
-    assert found.startswith("no station is running stands stopped: press (rig), not reached: motor, bus 1, 2")
+    assert found.startswith("no station is running must be acknowledged: press (rig), not reached: motor, bus 1, 2")
     assert (
         "Inspect the machine. Then start it with --acknowledge, or use `umo do STATION acknowledge`. `umo show "
         "stations --json` shows the causes." in found
@@ -88,7 +88,7 @@ def test_ps_says_in_one_line_of_a_machine_what_matters() -> None:
     run.begin(False)
     run.stopped("the control process hung\n" * 20, [f"axis {number}" for number in range(50)])
     (line,) = [line for line in umo("show", "stations").stdout.splitlines() if "press" in line]
-    assert line.startswith("stands stopped: press (rig), not reached: axis 0, axis 1 and 48 others, bus 1")
+    assert line.startswith("must be acknowledged: press (rig), not reached: axis 0, axis 1 and 48 others, bus 1")
     assert len(line) <= 160
 
 

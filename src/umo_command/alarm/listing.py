@@ -50,7 +50,7 @@ def _list(reader: RunReader, as_json: bool, raised: bool, every: bool) -> None:
 
 
 def _raised(row: AlarmRow) -> str:
-    """Return how often an alarm was raised and since when, if more than once."""
+    """Return how often an alarm was raised. If it was raised more than once, also return since when."""
     first = "" if row.raised < 2 or row.first is None else f" since {clock_text(row.first)}"
     return f"{row.raised}{first}" if row.raised else ""
 
@@ -75,5 +75,5 @@ def show_history(name: str | None) -> None:
 
 
 def _data(row: AlarmRow) -> dict[str, object]:
-    """A row as plain data."""
+    """Return a row as plain data."""
     return row._asdict() | {"state": str(row.state), "priority": str(row.priority)}

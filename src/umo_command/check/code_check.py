@@ -82,7 +82,7 @@ def mistakes_of(modules: list[ModuleType], machine: Compound, main: Any) -> list
 def _modules(station: Station) -> list[ModuleType]:
     """Return the imported modules of the station."""
     found = {}
-    folder = cache(Path.resolve)  # of many modules: once
+    folder = cache(Path.resolve)  # resolved once for all modules of a folder
     for module in list(sys.modules.values()):
         file = getattr(module, "__file__", None)
         if isinstance(file, str) and file.endswith(".py"):
@@ -99,7 +99,7 @@ def _source(file: str) -> str:
 
 
 class _Attributes:
-    """The names of the attributes that are read, and that are assigned, anywhere in the station, and all texts."""
+    """The names of the attributes that are read or assigned anywhere in the station, and all constants in its code."""
 
     def __init__(self, trees: Iterable[ast.Module]) -> None:
         everything = [node for tree in trees for node in ast.walk(tree)]
@@ -114,7 +114,7 @@ class _Attributes:
             for node in ast.walk(function)
         }
         self.changing = {node.attr for node in stored if id(node) not in making}
-        """Attributes that are assigned elsewhere than where an object is made."""
+        """Attributes that are assigned outside the functions that make an object."""
         self.in_texts = {node.value for node in everything if isinstance(node, ast.Constant)}
 
 
@@ -126,7 +126,7 @@ class _Check:
         self._found: dict[tuple[int, str], None] = {}
 
     def all(self) -> list[tuple[int, str]]:
-        """Line and text of each."""
+        """Return the line and the text of each error."""
         self._look(NameScope(self._code.tree, None, self._code), None)
         return sorted(self._found)
 
@@ -143,7 +143,7 @@ class _Check:
     # What is looked at ---------------------------------------------------------------------------------
 
     def _look(self, scope: NameScope, in_class: ast.ClassDef | None) -> None:
-        """A module, a function or the body of a class, and the functions in it."""
+        """Check a module, a function or the body of a class, and the functions in it."""
         for statements in code_periods.blocks_in(scope.node) if in_class is None else ():
             self._tell_all(code_periods.overwritten(self._code, self._values, statements, scope))
         for node in within(scope.node if in_class is None else in_class):
@@ -160,7 +160,7 @@ class _Check:
                 self._look(scope, node)
 
     def _owner(self, node: Any, in_class: ast.ClassDef | None) -> type | None:
-        """The class of the first argument of a method."""
+        """Return the class of the first argument of a method."""
         decorators = {getattr(each, "id", "") for each in getattr(node, "decorator_list", ())}
         if in_class is None or isinstance(node, ast.Lambda) or decorators & {"staticmethod", "classmethod"}:
             return None
@@ -194,7 +194,7 @@ class _Check:
     def _replaced(self, node: ast.Assign, scope: NameScope) -> None:
         """Check a value that is assigned to a name of a function."""
         targets = [each for each in node.targets if isinstance(each, ast.Attribute)]
-        is_none = isinstance(node.value, ast.Constant) and node.value.value is None  # which switches a hook off
+        is_none = isinstance(node.value, ast.Constant) and node.value.value is None  # None switches a hook off
         for target in targets if isinstance(node.value, VALUES) and not is_none else ():
             of = self._code.thing(target.value, scope)
             if isinstance(of, Instance) and isinstance(
@@ -268,7 +268,7 @@ class _Check:
             self._truth(each, scope)
 
     def _truth(self, node: ast.expr, scope: NameScope) -> None:
-        """Check an expression of which the truth is used."""
+        """Check an expression whose truth value is used."""
         if isinstance(node, ast.BoolOp):
             for each in node.values:
                 self._truth(each, scope)
@@ -297,7 +297,7 @@ class _Check:
                 self._tell(each, "`{}` is not called, and a function is compared: write `{}()`")
 
     def _is_data(self, node: ast.expr, scope: NameScope) -> bool:
-        """True if it is certainly no function, such as a state."""
+        """True if an expression is certainly not a function, for example if it is a state."""
         found = self._code.thing(node, scope)
         return isinstance(found, ExactObject) and not callable(found.value)
 
@@ -312,12 +312,13 @@ class _Check:
             self._tell(node, text)
 
     def _attribute(self, node: ast.Attribute, scope: NameScope) -> None:
-        """Check an attribute, unless its name stands in a text: the code may test for it (`hasattr`)."""
+        """Check an attribute, unless a string in the code is its name: the code may then test for it with `hasattr`."""
         if node.attr not in self._attributes.in_texts and (text := self._values.misspelt(node, scope)):
             self._tell(node, text)
 
     def _is_function(self, node: ast.expr, scope: NameScope) -> bool:
-        """True if it is a method that is not called. One that is assigned somewhere may be none."""
+        """True if an expression is a method that is not called. An attribute that is assigned somewhere may not be
+        one."""
         if not isinstance(node, ast.Attribute) or node.attr in self._attributes.assigned:
             return False
         found = self._code.thing(node, scope)
@@ -351,8 +352,8 @@ class _Check:
         return isinstance(found, ExactObject) and inspect.iscoroutinefunction(found.value)
 
     def _condition(self, node: ast.expr, scope: NameScope, function: str) -> None:
-        """Check a condition. `function`: the function that evaluates it, or "" if it is declared, and the declaration
-        refuses other values than functions."""
+        """Check a condition. `function`: the function that evaluates the condition, or "" for a declared condition,
+        whose declaration refuses everything but functions."""
         found = self._code.thing(node, scope)
         if isinstance(node, ast.Lambda):
             inner = NameScope(node, scope, self._code)
@@ -411,7 +412,7 @@ def _awaiting(scope: NameScope) -> str:
 
 
 def _dropped(node: ast.expr) -> Iterator[ast.expr]:
-    """The values that a statement makes and drops: `m.fill() if m.hot else None`."""
+    """Yield the values that a statement computes and does not use, as in `m.fill() if m.hot else None`."""
     if isinstance(node, ast.IfExp):
         parts = [node.body, node.orelse]
     elif isinstance(node, ast.BoolOp):
@@ -428,7 +429,8 @@ def _dropped(node: ast.expr) -> Iterator[ast.expr]:
 
 
 def _is_value(node: ast.expr) -> bool:
-    """True if it is, or may be, no function: of `pressed or default` that is not certain."""
+    """True if an expression is a value, or may be one, in place of a function. For `pressed or default` this is not
+    certain."""
     if isinstance(node, ast.BoolOp):
         return any(isinstance(each, VALUES) for each in node.values) or all(map(_is_value, node.values))
     return isinstance(node, VALUES)

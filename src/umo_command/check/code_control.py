@@ -109,14 +109,14 @@ def _called(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
 
 
 def _is_law(value: Any) -> bool:
-    """True if it is the class of a control law of umo."""
+    """True if a value is the class of a control law of umo."""
     if not isinstance(value, type) or issubclass(value, Compound) or not value.__module__.startswith("umo.control."):
         return False
     return hasattr(value, "step") or hasattr(value, "control")
 
 
 def _is_in_each_period(node: ast.Call, scope: NameScope) -> bool:
-    """True if a law makes this call in each period, under no condition."""
+    """True if a law makes this call unconditionally in each period."""
     if not isinstance(scope.node, ast.FunctionDef):
         return False
     for statement in scope.node.body:
@@ -128,7 +128,7 @@ def _is_in_each_period(node: ast.Call, scope: NameScope) -> bool:
 
 
 def _always_evaluated(node: ast.AST) -> Iterator[ast.AST]:
-    """The expressions that are evaluated whenever this one is."""
+    """Yield the expressions that are evaluated whenever this expression is evaluated."""
     yield node
     if not isinstance(node, CONDITIONAL):
         for each in ast.iter_child_nodes(node):
@@ -136,7 +136,7 @@ def _always_evaluated(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
-    """A thread that writes, beside the cycle."""
+    """Check a thread that writes objects outside the cycle."""
     target: Any = next((each.value for each in node.keywords if each.arg == "target"), None)
     inner, found = scope, code.thing(target, scope) if target is not None else None
     if isinstance(found, InnerFunction):
@@ -154,7 +154,7 @@ def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
 
 
 def _swallowed(code: ModuleCode, node: ast.Try, scope: NameScope) -> Remarks:
-    """A stop of the machine goes through a sequence as an exception, and so does a fault."""
+    """Check a block that catches exceptions: a stop of the machine, or a fault, passes through a sequence as one."""
     if not scope.is_control:
         return
     inside = [*inside_of(node.body)]
@@ -196,7 +196,7 @@ def _is_nothing(node: ast.stmt) -> bool:
 
 
 def _acts(code: ModuleCode, inside: list[ast.AST], scope: NameScope) -> bool:
-    """True if it waits, or reads or writes an object."""
+    """True if this code waits, or reads or writes an object."""
     asked = (each.value for each in inside if isinstance(each, ast.Attribute))
     return any(isinstance(each, ast.Await) for each in inside) or any(code.atomic(each, scope) for each in asked)
 
@@ -230,7 +230,7 @@ def _method(kind: type, node: Any, read: set[str]) -> Remarks:
 
 
 def _changed(node: ast.ClassDef) -> Iterator[str]:
-    """The attributes of `self` that methods change where they are, and do not make."""
+    """Yield the attributes of `self` that methods change in place, but never assign."""
     made = {each.attr for each in ast.walk(node) if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store)}
     for each in ast.walk(node):
         if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute) and each.func.attr in CHANGING:

@@ -56,7 +56,8 @@ def _names(node: ast.AST, kind: type[ast.expr_context]) -> set[str]:
 
 
 def _endless(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
-    """A call in a block may end the loop by an error that the block expects."""
+    """Check an endless loop in which no period passes. A loop with a `try` or `with` block, or in one, is not reported:
+    an error that the block expects may end the loop."""
     is_true = isinstance(node.test, ast.Constant) and bool(node.test.value)
     if not (is_true and scope.is_control) or any(map(waits_or_ends, inside_of(node.body))):
         return
@@ -67,7 +68,7 @@ def _endless(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
 
 
 def _ramp(code: ModuleCode, node: ast.For, scope: NameScope) -> Remarks:
-    """A loop that writes one actuator again and again in one period."""
+    """Check a loop that writes one actuator several times in one period."""
     if not scope.is_control or any(map(waits_or_ends, inside_of(node.body))):
         return
     turning = _names(node.target, ast.Store).union(*(_names(each, ast.Store) for each in node.body))
@@ -107,7 +108,7 @@ def _write_in(code: ModuleCode, node: ast.stmt, scope: NameScope) -> tuple[ast.e
 
 
 def _read_once(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
-    """A loop whose test has only values that were read before it, and that ends by nothing else."""
+    """Check a loop whose test contains only values that were read before the loop, and that nothing else ends."""
     ends = (ast.Break, ast.Return, ast.Raise)
     inside = [*inside_of(node.body)]
     if any(isinstance(each, ast.Await | ast.AsyncWith) for each in inside) and not any(
@@ -124,8 +125,8 @@ def _asked_later(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
 
 
 def _constant(code: ModuleCode, test: ast.expr, scope: NameScope) -> Remarks:
-    """Return remarks on a condition that is evaluated repeatedly and has only names that are bound once, one of them by
-    a reading."""
+    """Return remarks on a condition that is evaluated repeatedly, if all of its names are bound only once, and one of
+    them by a reading."""
     if not isinstance(scope.node, ast.AsyncFunctionDef) or not isinstance(test, ast.Compare):
         return
     for each in ast.walk(test):
@@ -143,14 +144,14 @@ def _constant(code: ModuleCode, test: ast.expr, scope: NameScope) -> Remarks:
 
 
 def _reading(code: ModuleCode, node: ast.expr, scope: NameScope) -> str:
-    """The source of an expression that reads an object, else ""."""
+    """Return the source of an expression if it reads an object, otherwise ""."""
     is_read = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "read"
     return ast.unparse(node) if is_read and code.atomic(node.func.value, scope) else ""  # type: ignore[attr-defined]
 
 
 def _late(code: ModuleCode, node: Any, scope: NameScope) -> Remarks:
-    """A condition that is asked when the loop that has made it is over: a name of the loop is then that of its last
-    turn."""
+    """Check a condition that is made in a loop and evaluated after the loop has ended. A name that the loop binds then
+    has the value of the last turn."""
     if isinstance(node, ast.For):
         if any(isinstance(each, ast.Await | ast.AsyncWith | ast.Break | ast.Return) for each in inside_of(node.body)):
             return
@@ -180,7 +181,7 @@ def _late(code: ModuleCode, node: Any, scope: NameScope) -> Remarks:
 
 
 def _clock(code: ModuleCode, node: Any, scope: NameScope) -> Remarks:
-    """A decision by the time of the computer."""
+    """Check a decision that depends on the computer's time."""
     for each in ast.walk(node.test) if scope.is_control else ():
         if isinstance(each, ast.Call) and not each.args and _is_one_of(code.value(each.func, scope), CLOCKS):
             yield each, "`{}` is the computer's time, which virtual time and a replay do not follow: use `.now`"
@@ -193,7 +194,7 @@ def _random(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
 
 
 def _is_without_seed(value: Any, node: ast.Call) -> bool:
-    """True if it asks a generator that all modules share, or makes one without a seed."""
+    """True if a call uses a generator that all modules share, or makes a generator without a seed."""
     if _is_one_of(value, (random.Random, numpy.random.default_rng)):
         return not node.args and not node.keywords
     return _is_one_of(getattr(value, "__self__", None), SHARED)

@@ -50,20 +50,20 @@ class CodeObjects:
             yield from self._compared(right, TURNED.get(as_written, as_written), left, scope)
 
     def _of_two_types(self, one: ast.expr, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
-        """The mistakes in a comparison of two states that are read."""
+        """Yield the mistakes in a comparison of two states that are read."""
         kinds = [self.states_of(each, scope) for each in (one, other)]
         if None not in kinds and kinds[0] is not kinds[1]:
             first, second = (each.__name__ for each in kinds if each is not None)
             yield one, f"`{{}}` is a state of {first} and is compared with a state of {second}: they are never equal"
 
     def _mistaken_match(self, node: ast.Match, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
-        """The mistakes in a `match`."""
+        """Yield the mistakes in a `match`."""
         for case in node.cases:
             for subject, value in _compared_by(node.subject, case.pattern):
                 yield from self._compared(subject, "==", value, scope)
 
     def _compared(self, one: ast.expr, sign: str, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
-        """The comparisons of `one`, the value that is tested, with `other`."""
+        """Yield the mistakes in the comparison of `one`, the value that is tested, with `other`."""
         written = self._written(other, scope)
         states = None if written is MISSING else self.states_of(one, scope)
         if states is not None and type(written) is not states:
@@ -139,13 +139,14 @@ class CodeObjects:
         return kinds.pop() if len(kinds) == 1 else None
 
     def _is_number(self, node: ast.expr, scope: NameScope) -> bool:
-        """True if it is the value of an actuator or a sensor that has no states."""
+        """True if an expression is the value of an actuator or a sensor that has no states."""
         source = self._source_of(node, scope)
         items = [] if source is None else self.objects(*source)
         return bool(items) and all(isinstance(each, Atomic) and not each._has_states for each in items)
 
     def _source_of(self, node: ast.expr, scope: NameScope) -> tuple[ast.expr, NameScope] | None:
-        """The object whose state it is: of `m.valve.read()`, `state_of(m.valve)`, `m.valve.pending`, or a name."""
+        """Return the object whose state an expression is: `m.valve.read()`, `state_of(m.valve)`, `m.valve.pending`, or
+        a name that is bound to such an expression. Return None for any other expression."""
         if isinstance(node, ast.Name):
             bound = _bound(node.id, scope)
             return self._source_of(*bound[1:]) if bound and bound[0] == "value" else None
@@ -213,7 +214,8 @@ class CodeObjects:
 
 
 def _compared_by(subject: ast.expr, pattern: ast.pattern) -> Iterator[tuple[ast.expr, ast.expr]]:
-    """The comparisons of the pattern of a `case`, each with what it is compared with: the subject or elements of it."""
+    """Yield the comparisons that the pattern of a `case` makes: the tested value (the subject or an element of it), and
+    the value of the pattern."""
     if isinstance(pattern, ast.MatchValue):
         yield subject, pattern.value
     elif isinstance(pattern, ast.MatchSingleton) and pattern.value is not None:
@@ -261,7 +263,7 @@ def _states(item: object) -> type[TwoState] | None:
 
 
 def _may_be_missing(item: Atomic) -> bool:
-    """True if the class of its compound declares that there may be none."""
+    """True if the class of the object's compound declares that the object may be None."""
     kind: Any = type(item._parent)
     hint = hints_of(kind).get(item._name.partition(".")[0])
     return get_origin(hint) in (Union, UnionType)
@@ -279,7 +281,8 @@ def _elements(items: Iterable[Any]) -> list[Any]:
 
 
 def _has_declared(kind: type) -> bool:
-    """True if what objects of this class have is what classes declare: objects, states and laws of umo."""
+    """True if objects of this class have only the attributes that classes declare, as objects, states and laws of
+    umo."""
     of_umo = issubclass(kind, DeclaredAttributes) or any(
         each.__module__.startswith("umo.control.") for each in kind.__mro__
     )

@@ -94,8 +94,8 @@ class NameScope:
 
     @property
     def _may_have_machine(self) -> bool:
-        """True unless it is a function of another program, such as a face, which runs in asyncio: it belongs to an
-        object, or gets an argument that may be one."""
+        """True if the function belongs to an object, or if one of its arguments may be an object. Other functions may
+        belong to another program, such as a face, which runs in asyncio."""
         if self.owner is not None:
             return any(base is Compound or base.__module__.startswith("umo.operation.") for base in self.owner.__mro__)
         arguments = getattr(self.node, "args", None)
@@ -262,7 +262,7 @@ class ModuleCode:
                 continue
             if isinstance(node, ast.Import):
                 return _loaded(alias.name if alias.asname else name)
-            with suppress(ImportError):  # beyond the package, which running it tells
+            with suppress(ImportError):  # the name leads out of the package: a run reports this
                 path = resolve_name("." * node.level + (node.module or ""), self._module.__package__)
                 return _loaded(path, alias.name)
         return None
@@ -287,7 +287,7 @@ class ModuleCode:
     def thing(self, node: ast.expr, scope: NameScope) -> Thing | None:
         """Return the meaning of an expression."""
         work = _EXPRESSIONS.get(type(node))
-        if work is None or id(node) in self._at_work:  # a name that is bound by itself
+        if work is None or id(node) in self._at_work:  # a name whose binding contains the name itself
             return None
         self._at_work.add(id(node))
         try:
@@ -401,7 +401,7 @@ class Objects:
         return of_hint(hints_of(kind).get(name))
 
     def _always(self, kind: type, name: str, function: FunctionType) -> bool:
-        """True if no class below has something of another kind in the place of a method, and no object either."""
+        """True if neither a subclass nor an object replaces this method by something of another kind."""
         is_sequence = inspect.iscoroutinefunction(function)
         others = [_plain(inspect.getattr_static(each, name)) for each in below(kind)]
         if any(inspect.iscoroutinefunction(each) != is_sequence for each in others):
@@ -409,7 +409,7 @@ class Objects:
         return name == "control" or not self._values(kind, name)
 
     def _values(self, kind: type, name: str) -> list[Any]:
-        """Return the values of an attribute of all objects of a class that have it themselves."""
+        """Return the values of an attribute for all objects of a class that have this attribute themselves."""
         own = (getattr(each, "__dict__", {}) for each in self.of(kind))
         return [each[name] for each in own if name in each]
 
@@ -423,7 +423,7 @@ def below(kind: type) -> Iterator[type]:
 
 
 def _plain(found: Any) -> Any:
-    """The function of a method, of whatever kind it is."""
+    """Return the function of a method, also of a static method or a class method."""
     return found.__func__ if isinstance(found, staticmethod | classmethod) else found
 
 
@@ -447,7 +447,7 @@ def _of_value(value: Any) -> Thing | None:
 
 
 def _is_protocol(kind: type) -> bool:
-    """True if it says what an object has, and not of which class it is."""
+    """True if a type is a protocol: it says which attributes an object has, not to which class the object belongs."""
     return bool(getattr(kind, "_is_protocol", False))
 
 

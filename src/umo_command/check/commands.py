@@ -27,8 +27,8 @@ def check(
         str | None,
         typer.Option(
             metavar="TARGET",
-            help="Also list the code that cannot be translated to C for this target: host, cortex-m, avr or arduino "
-            "for umo new controller; compile for a wiring with compile = true.",
+            help="Also list the code that cannot be translated to C for this target. The targets of umo new controller "
+            "are host, cortex-m, avr and arduino. The target of a wiring with compile = true is 'compile'.",
         ),
     ] = None,
 ) -> int:

@@ -49,7 +49,7 @@ def check_station(
         raise OptionError("give --wiring or --all, not both")
     _check_name_of(target)
     machine = machine_of(station, arguments)
-    station.module("application")  # a wiring may be right and the application not import
+    station.module("application")  # the application may fail to import, even if the wiring is right
     interlocks_of(machine)
     declared_alarms(machine)
     if (twin := declared_by(station, machine)) is not None:
@@ -63,7 +63,7 @@ def check_station(
             out.print(f"note: {station.name} is running (pid {reader.about['pid']}): {changed}", soft_wrap=True)
     if others := [name for name, file in station.wirings.items() if file not in files]:
         out.print(f"not checked: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
-    if in_code:  # the last word: the wiring above it may be in order
+    if in_code:  # printed last, because the lines above may say that the wiring is in order
         say(f"{count_of(in_code, 'error')} in the code")
     return max([*statuses, ExitStatus.MISTAKE] if in_code else statuses)
 
@@ -139,7 +139,7 @@ def _check_target(machine: Compound, file: Path | None, target: str | None) -> i
 
 
 def _check_name_of(target: str | None) -> None:
-    """Raise OptionError for a target that there is not."""
+    """Raise OptionError if there is no such target."""
     if target in (None, COMPILE):
         return
     from umo.generate.controller_folder import TARGETS

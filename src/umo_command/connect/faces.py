@@ -84,8 +84,8 @@ def _serve(
 
 
 def _table(station: str | None) -> tuple[dict[str, Any], str]:
-    """The table `[faces]` of the wiring with which the station runs, and its file; empty where that cannot be read,
-    which is said."""
+    """Return the table `[faces]` of the wiring with which the station runs, and the file of this wiring. If it cannot
+    be read, print the reason, and return an empty table."""
     try:
         with find_running(station) as reader:
             place, wiring = Path(reader.about["place"]), str(reader.about.get("wiring", ""))
@@ -98,9 +98,9 @@ def _table(station: str | None) -> tuple[dict[str, Any], str]:
                     f"{mistake}"
                 )
         return found.faces, "wiring" if file is None else str(file)
-    except FramesError:  # the host says so
+    except FramesError:  # the host of the faces reports it
         say("no station runs, so no table [faces] is read from a wiring, and only the options given here are used")
-    except Exception as error:  # its files have changed
+    except Exception as error:  # the files of the station have changed
         say(
             f"the table [faces] of the wiring cannot be read, so only the options given here are used: {text_of(error)}"
         )

@@ -69,8 +69,8 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float, je
 
 
 def _alone() -> int:
-    """A lock on the frames of this user, as two gateways would give each command twice. Raises OptionError if it is
-    taken."""
+    """Return a lock on the frames of this user, because two gateways would give each command twice. Raises OptionError
+    if another gateway has the lock."""
     lock = os.open(folder() / "fleet.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -85,7 +85,7 @@ def serve_router(changes: Mapping[str, Any]) -> int:
     settings = fleet_settings.load(changes=changes)
     settings.require(ROUTER)
     network = settings.network
-    zenoh.init_log_from_env_or("zenoh_link_tls=warn")  # whom it has turned away
+    zenoh.init_log_from_env_or("zenoh_link_tls=warn")  # the computers that were refused
     session = opened(network, "router")
     try:
         _tell("routes for", network.identity.name if network.identity else settings.site, network, _who_may(network))

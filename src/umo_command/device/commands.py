@@ -163,7 +163,9 @@ def conform(
     ] = None,
     loopback: Annotated[
         list[str] | None,
-        typer.Option(metavar="OUT=IN", help="Output, and input that reads the level of the output. May be repeated."),
+        typer.Option(
+            metavar="OUT=IN", help="An output, and an input that reads the level of this output. May be repeated."
+        ),
     ] = None,
     only: Annotated[
         list[str] | None,
@@ -185,7 +187,7 @@ def conform(
         bool,
         typer.Option(
             "--unstructured",
-            help="Say that any bytes are a valid answer of this device, because an answer has no "
+            help="Declare that any bytes are a valid answer of this device, because an answer has no "
             "header and no line end.",
         ),
     ] = False,
@@ -193,7 +195,7 @@ def conform(
         bool,
         typer.Option(
             "--sole-writer",
-            help="Say that no other client writes to the device, so that the driver may keep a copy "
+            help="Declare that no other client writes to the device, so that the driver may keep a copy "
             "of a shared register.",
         ),
     ] = False,

@@ -108,7 +108,7 @@ def _proved(station: Station, file: Path | None, machine: Compound, choice: Choi
 def _of_link(
     station: Station, file: Path | None, machine: Compound, wired: Wired, name: str, choice: Choice
 ) -> Certificate:
-    """The rules of the link to a controller: nothing is driven, so there is nothing to agree to."""
+    """Test the rules of the link to a controller. Nothing is driven, so the user is not asked to agree."""
     from umo_command.device.conform_link import link_certificate
 
     if choice.only or choice.loopbacks or choice.refused or choice.steady:
@@ -125,7 +125,7 @@ def _title(station: Station, file: Path | None, name: str) -> str:
 
 
 def _station(target: str, wiring: str | None) -> tuple[Station, str | None]:
-    """A station, or the one that a wiring file belongs to."""
+    """Return the station that is named, or the station to which the named wiring file belongs, and the wiring."""
     file = Path(target)
     if file.suffix != ".toml" or wiring is not None:
         return find(target), wiring
@@ -156,7 +156,8 @@ def _driver(wired: Wired, given: str | None) -> str:
 
 
 def _wires(wired: Wired, name: str, only: Sequence[str]) -> list[Wire]:
-    """The wires of the driver, those of `only` if there are any; the timer only if it is alone."""
+    """Return the wires of the driver, or only those that `only` names. The timer is included only if nothing else is
+    wired to the driver."""
     own = [wire for wire in wired.wires if wire.driver is wired.drivers[name]]
     wires = [wire for wire in own if wire.item is not wired.timer] or own
     if not wires:
@@ -201,7 +202,8 @@ def _subject(
 
 
 def _refused(driver: Driver[Any], wired: Wired, texts: Sequence[str]) -> tuple[str, ...]:
-    """Channels of the driver that nothing is wired to: the kit reads them, and writes 0 to those that are outputs."""
+    """Return channels of the driver to which nothing is wired. The kit reads them, and writes 0 to the outputs among
+    them."""
     for text in texts:
         places = set(driver.channel(text).places)
         for wire in wired.wires:
@@ -228,8 +230,8 @@ def _loop(wires: Sequence[Wire], text: str) -> tuple[Wire, Wire]:
 
 
 def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back: str, level: int) -> bool:
-    """True if both mean one value, by less than half a resolution of each and the tolerance, in the output's unit. An
-    output that is read back has the same raw level."""
+    """True if both levels mean the same value. The difference may be up to half a resolution of each object, plus the
+    tolerance in the output's unit. An output that is read back has the same raw level."""
     one, other = wires[output], wires[back]
     if one.item._has_states or other.item._has_states:
         return raw == level
@@ -250,7 +252,8 @@ class NotDriven(StationError):
 
 
 def _consent(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], yes: bool) -> None:
-    """List what will be driven, and ask; NotDriven without consent. A simulation needs none."""
+    """List the outputs that will be driven, and ask the user. Raises NotDriven if the user does not agree. A simulation
+    needs no consent."""
     if not subject.outputs or not devices:
         return
     err.print(_plan(subject, wires, devices))
@@ -292,7 +295,8 @@ def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Ta
 
 @contextmanager
 def _kept(device_claim: DeviceClaim) -> Iterator[list[str]]:
-    """The devices are held; the list takes the outputs that are not at their defaults at the end."""
+    """Return a context in which the devices are held. It yields a list, to which it adds, at the end, the outputs that
+    are not at their defaults."""
     unreached: list[str] = []
     end = device_claim.finish
     try:
@@ -300,7 +304,7 @@ def _kept(device_claim: DeviceClaim) -> Iterator[list[str]]:
     except StopError as error:
         unreached += [failure.path for failure in error.failures]
         raise
-    except (OSError, NotDriven):  # nothing was driven: an earlier unsafe end stays
+    except (OSError, NotDriven):  # nothing was driven, so the record of an earlier unsafe end remains
         end = device_claim.abandon
         raise
     finally:
@@ -328,7 +332,8 @@ def _line(subject: Subject, make: partial[Driver[Any]], place: object) -> Iterat
 
 
 def _tap(options: dict[str, Any], place: object) -> Tap | None:
-    """Make a tap by the driver's `place`, which knows what the wiring leaves out; by its options, if it has none."""
+    """Make a tap for the driver's `place`, which also has the values that the wiring omits. If the driver has no
+    `place`, use its options."""
     if isinstance(place, Serial) and "serial" in options:
         if place.rs485:  # a pseudo terminal has no direction to switch
             return None

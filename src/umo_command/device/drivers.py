@@ -85,7 +85,8 @@ def show_driver(name: str, arguments: Sequence[str]) -> None:
 
 
 def _find(name: str) -> type[Driver]:
-    """A driver by name or `module:Class`; modules of the current folder first, `.module:Class` of the station there."""
+    """Return the driver with this name or `module:Class`. Modules of the current folder come first; `.module:Class` is
+    a class of the station in this folder."""
     if name.startswith("."):
         return registry.find(f"{package_of(Path.cwd())}{name}")
     if ":" in name:
@@ -94,7 +95,7 @@ def _find(name: str) -> type[Driver]:
 
 
 def _doc(cls: type[Driver]) -> str:
-    """Docstring of the class itself: that of `Driver` says nothing of it."""
+    """Return the docstring of the class itself. An inherited docstring of `Driver` would not describe it."""
     return inspect.cleandoc(cls.__doc__ or "")
 
 
@@ -109,7 +110,7 @@ def _of_all(cls: type[Driver]) -> dict[str, tuple[str, str]]:
 
 
 def _written(parameter: inspect.Parameter) -> str:
-    """`host: str = '127.0.0.1'`, as in the source; `model: Path (required)`."""
+    """Return an option as text: `host: str = '127.0.0.1'`, as in the source, or `model: Path (required)`."""
     kind = parameter.annotation
     written = "" if kind is parameter.empty else f": {_MODULES.sub('', inspect.formatannotation(kind))}"
     name = f"{parameter.name}{written}"
@@ -117,8 +118,9 @@ def _written(parameter: inspect.Parameter) -> str:
 
 
 def _forms(cls: type[Driver], given: dict[str, Any]) -> str:
-    """The forms that the driver itself names for a channel that it does not know; if it needs options, those of its
-    class. With options, an error of its constructor is the user's."""
+    """Return the forms of channels that the driver names in its error for an unknown channel. If the driver cannot be
+    made without options, return the forms that its class names. If options are given, an error of the constructor is an
+    error of the user."""
     from umo.wiring.schema import options_of  # pydantic: not for a plain list of drivers
 
     try:

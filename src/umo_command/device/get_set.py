@@ -111,9 +111,9 @@ def set_value(
 
 
 def _running(name: str, wiring: str | None, arguments: Sequence[str]) -> Reader | None:
-    """The run that a name means (`meant_by`), None if the station does not run; with a wiring, if it does not run with
-    this one nor with one of its devices. Raises FramesError if it may mean several, OptionError for options of its
-    machine."""
+    """Return the run that a name means (`meant_by`), or None if the station does not run. If a wiring is given, only
+    runs with this wiring or with one of its devices count. Raises FramesError if the name may mean several runs,
+    OptionError for options of the machine."""
     if wiring is None and (elsewhere := find_elsewhere(name)) is not None:
         return elsewhere
     found = meant_by(name, readers())
@@ -146,13 +146,13 @@ def _has_wiring(reader: Reader, name: str, wiring: str) -> bool:
     try:
         station = find(name)
         wired = resolve(station.machine(**reader.about.get("options", {})), station.wiring(wiring))
-    except (StationError, DeclarationError):  # what runs has no folder of that name, or another machine in it
+    except (StationError, DeclarationError):  # the run has no folder of this name, or the folder has another machine
         return False
     return bool(set(wired.devices) & set(reader.about["devices"]))
 
 
 def _station(name: str) -> Station:
-    """A station that does not run; StationError names those that run too."""
+    """Return a station that does not run. A StationError also names the running stations."""
     try:
         return find(name)
     except StationError as error:
@@ -164,7 +164,8 @@ def _station(name: str) -> Station:
 
 
 def _announce(connection: connect[Any], station: Station, file: Path | None, what: str) -> None:
-    """Say, before the first driver is opened, that no run has the machine, and what this command does to it."""
+    """Print, before the first driver is opened, that the station is not running, and what this command does to its
+    machine."""
     name = station.name if file is None else f"{station.name} ({file.stem})"
 
     @cache
@@ -181,7 +182,7 @@ def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -
     with connection as m:
         taken = item.write(value)
         if item.synchronous:
-            item.update()  # now, also where the machine's outputs leave at the next tick
+            item.update()  # immediately, even if the wiring sends outputs at the next tick
         item.read()
         row = row_of(item)
         out.print(f"{item.path}  {value_of([row])}  raw {raw_of([row])}  {quality_of([row])}{_remark(item, taken)}")
@@ -194,7 +195,7 @@ def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -
 
 
 def _remark(item: Any, taken: bool) -> str:
-    """Reason why the value that is shown is not the one that was written."""
+    """Return the reason why the shown value differs from the written value."""
     if not taken:
         return f"  (inhibited: {item.inhibited})" if item.inhibited else "  (clamped)"
     if item.read() != item.pending:
@@ -204,8 +205,9 @@ def _remark(item: Any, taken: bool) -> str:
 
 
 def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], object] | None) -> None:
-    """The machine's periods without its control, so that watchdogs are fed; a command that expires is repeated. They
-    take the time of the wall clock: `pause` is for machines without a timer in real time."""
+    """Carry out periods of the machine without its control code, so that the watchdogs get requests. A command that
+    expires is repeated. The periods take wall-clock time: `pause`, in s, is the pause in each period of a machine
+    without a timer in real time."""
     timer = children(m).get("timer")
     end = inf if hold is None else time.monotonic() + hold
     while m.cycle.running and time.monotonic() < end:
@@ -226,7 +228,8 @@ def _atomic(machine: Compound, path: str, name: str) -> Any:
 
 
 def _parse(item: Any, text: str, wired: Wired) -> float | TwoState:
-    """A state's name, a number in the declared unit, or a number with a unit; RangeError outside the wired range."""
+    """Return the value that a text means: a state's name, a number in the declared unit, or a number with a unit.
+    Raises RangeError if the value is outside the wired range."""
     if item._has_states:
         states: dict[str, TwoState] = {each.name: each for each in item.states}
         return states[state(item.path, text, list(states))]

@@ -43,7 +43,7 @@ def _acknowledge_ends(name: str) -> None:
     stopped = [each for each in records if each.device == name or each.station in names]
     if not stopped:
         near = did_you_mean(name, [each.station for each in records])
-        raise FramesError(f"{name!r} neither runs nor stands stopped{near}") from None
+        raise FramesError(f"no station or device {name!r} is running or must be acknowledged{near}") from None
     for ended in stopped:
         DeviceClaim([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
         out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
@@ -62,8 +62,8 @@ def clear(name: str, paths: Sequence[str], over: bool) -> None:
 
 
 def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:
-    """The objects and compounds that paths and patterns name, those of a list one by one. Raises PathError for one that
-    names nothing."""
+    """Return the objects and compounds that paths and patterns name; for a list, each of its members. Raises PathError
+    for a path or pattern that names nothing."""
     split = [path.split(".") for path in reader.paths]
     compounds = dict.fromkeys(".".join(names[:count]) for names in split for count in range(1, len(names)))
     found: dict[str, None] = {}
@@ -77,8 +77,8 @@ def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:
 
 
 def _equipment(reader: RunReader, paths: Sequence[str]) -> list[str]:
-    """The equipment at and below the parts that paths and patterns name, and the innermost around a part that has none.
-    Raises PathError for one that names nothing."""
+    """Return the equipment at and below the parts that paths and patterns name. For a part without equipment, return
+    the innermost equipment that contains the part. Raises PathError for a path or pattern that names nothing."""
     known = [str(entry["path"]) for entry in reader.layout.equipment]
     found: dict[str, None] = {}
     for part in _parts(reader, paths):

@@ -128,7 +128,7 @@ def call(name: str, path: str | None, words: Sequence[str], over: bool, hold: fl
 
 
 def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any]) -> Any:
-    """Call an action and return its result. Its progress is shown, without that from before."""
+    """Call an action and return its result. Its progress is shown, but not the progress that was reported before."""
     with OneLine(err) as line:
         began, before = time.monotonic(), station.progress
 
@@ -241,7 +241,7 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
         about = reader.about
         say(f"read from the frames of {about['station']}, which is running (pid {about['pid']})")
         inspected = [row.about.path for row in rows if row.about.is_inspected]
-        if inspected and "site" not in about:  # on another computer it is asked for there
+        if inspected and "site" not in about:  # a station on another computer must be asked on that computer
             name = about["station"]
             say(
                 f"the raw content of the circuit of {some(inspected)}, such as registers in each byte order, can be "
@@ -253,7 +253,7 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
 
 
 def _object(station: RemoteStation, path: str) -> RemoteObject:
-    """An object of a station that runs. Raises PathError if the path is not one's."""
+    """Return an object of a running station. Raises PathError if no object has this path."""
     reader = station.reader
     if path not in reader.paths:
         if path in reader.tunables():
@@ -296,7 +296,7 @@ def set_running(reader: Reader, path: str, text: str, hold: float | None, over: 
 
 
 def _show(reader: RunReader, path: str, what: str, held_at: float | str | None = None) -> None:
-    """Show an actuator that was written or released; if it is held, also while its slew rate still moves it."""
+    """Show an actuator that was written or released. If it is held and still moves with its slew rate, say so."""
     _let_pass(reader)
     (row,) = reader.rows(reader.latest(), [reader.index(path)])
     shown, way = value_of([row]), ""
@@ -306,7 +306,8 @@ def _show(reader: RunReader, path: str, what: str, held_at: float | str | None =
 
 
 def _let_pass(reader: RunReader) -> None:
-    """Two periods: where outputs wait for the next tick, the frame of the command does not show it yet."""
+    """Wait for two periods. If outputs are sent at the next tick, the frame of the command does not show its effect
+    yet."""
     until, end = reader.now().periods + 2, time.monotonic() + 1.0
     while reader.now().periods < until and reader.state is Stage.RUNNING and time.monotonic() < end:
         time.sleep(max(reader.about["period"], MIN_PAUSE))

@@ -26,7 +26,7 @@ def do(
         running_argument(
             "STATION",
             "Name or pid of a station that runs in real time (see `umo`); for acknowledge also a station or a device "
-            "that stands stopped.",
+            "whose last run ended unsafely.",
         ),
     ],
     verb: Annotated[
@@ -57,8 +57,8 @@ def do(
     are held, as declared; control laws continue.
 
     `acknowledge` and `clear` take several paths and patterns; without a path they apply to everything. If a run ended
-    unsafely, its devices stand stopped. `acknowledge` with the name of the station or device then allows the next run.
-    Inspect the machine first.
+    unsafely, no other run can use its devices. `acknowledge` with the name of the station or device allows the next
+    run. Inspect the machine first.
     """
     from umo_command.do.do_verb import do as work
 

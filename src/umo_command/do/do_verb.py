@@ -49,7 +49,7 @@ def do(name: str, verb: str | None, words: Sequence[str], over: bool, held: floa
 
 
 def _meant(name: str, verb: str) -> str:
-    """The nearest command, or the actions with this name, as the end of a sentence."""
+    """Return the nearest command, or the actions with this name, as the end of a sentence."""
     with station_of(name) as station:
         paths = [str(each["path"]) for each in station.reader.layout.actions]
     found = [path for path in paths if path.rpartition(".")[2] == verb]
@@ -112,7 +112,7 @@ def _paths_of(verb: Verb, words: Sequence[str]) -> list[tuple[str, Sequence[str]
 
 
 def _path_of(verb: Verb, words: Sequence[str]) -> tuple[str, Sequence[str]]:
-    """The path, and the words of the arguments."""
+    """Return the path, and the words of the arguments."""
     if verb.names is not Names.NOTHING and words and "=" not in words[0]:
         return words[0], words[1:]
     return "", words
@@ -137,7 +137,7 @@ def given_arguments(verb: Verb, words: Sequence[str]) -> dict[str, Any]:
 
 
 def _value(text: str) -> Any:
-    """A number, true or false; else the text itself."""
+    """Return a number, True or False; for any other text return the text itself."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):

@@ -95,7 +95,7 @@ def controller(
     ] = None,
 ) -> int:
     """Write the controller of a machine in C: its objects, interlocks, rates, expiry times and control laws, with a
-    loop and a watchdog. The code uses no heap, and its access to the hardware is yours to fill in.
+    loop and a watchdog. The code uses no heap. You fill in its access to the hardware.
 
     Scales, ranges and defaults come from the wiring. Numbers come from the machine with its parameters. No device is
     opened. If some code cannot be translated, all such code is listed with file and line, and nothing is written. The
@@ -133,8 +133,8 @@ def service(
 
     The wiring is checked. The arguments after the station are options of `umo run` and of the station. If this computer
     has no systemd, the command line for the foreground is shown. The unit restarts a run that failed with every
-    actuator at its default. It does not restart after status 2 (wrong options or wiring, or devices that stand
-    stopped), 3 (an actuator is not at its default) or 4 (the record cannot be written).
+    actuator at its default. It does not restart after status 2 (wrong options or wiring, or a device whose last run
+    ended unsafely), 3 (an actuator is not at its default) or 4 (the record cannot be written).
     """
     from umo_command.new.service import write_unit
 

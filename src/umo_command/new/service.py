@@ -76,7 +76,7 @@ def write_unit(
 
 
 def _command(station: str, found: Station, wiring: str | None, words: Sequence[str]) -> tuple[list[str], Plan]:
-    """The command line of the run, with absolute paths, and its plan."""
+    """Return the command line of the run, with absolute paths, and the plan of the run."""
     from umo_command.run.faces_beside import faces_of, wiring_of
     from umo_command.station_options import parse
 
@@ -94,7 +94,7 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     if wiring is not None:
         line += ["--wiring", wiring if wiring in found.wirings else str(Path(wiring).resolve())]
     line += words
-    if not plan.wired.realtime and not realtime:  # without a guardian nobody would speak to the manager
+    if not plan.wired.realtime and not realtime:  # only a guardian reports to the systemd manager
         line.append("--realtime")
     line += [] if given["no_plot"] else ["--no-plot"]
     if given["no_record"] and (given["keep"] or given["keep_runs"]):
@@ -106,7 +106,8 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
 
 
 def _options_of_run(station: str, words: Sequence[str]) -> tuple[dict[str, Any], list[str], list[str]]:
-    """The parameters of `umo run`, checked as it does, the words that are left for the station, and its options."""
+    """Return the parameters of `umo run`, checked as `umo run` checks them, the remaining words, which are for the
+    station, and the options of `umo run`."""
     import typer
 
     from umo_command.shared import app, options_of_command
@@ -125,7 +126,7 @@ def _name(name: str, *, given: bool) -> str:
 
 
 def _caller() -> str:
-    """The user who calls this, also by sudo."""
+    """Return the user who calls this command, even if it is called by sudo."""
     return os.environ.get("SUDO_USER") or getpass.getuser()
 
 
@@ -164,7 +165,7 @@ def _standing(plan: Plan) -> list[str]:
     """Return what must be acknowledged before the first start."""
     ended = [each.brief for device in plan.wired.devices for each in standing(device) if each.state == "stopped"]
     return (
-        [f"the unit cannot start while these devices stand stopped: {some(ended)}; `umo do {plan.name} acknowledge`"]
+        [f"acknowledge these devices before the first start: {some(ended)}; `umo do {plan.name} acknowledge`"]
         if ended
         else []
     )

@@ -119,8 +119,8 @@ class ServiceUnit:
                 "Restart=no",
             ]
         return [
-            f"# Not after {', '.join(map(str, map(int, NO_RESTART)))}: a wrong option or wiring, a machine that "
-            f"stands stopped, an actuator not at its default, no record.",
+            f"# No restart after {', '.join(map(str, map(int, NO_RESTART)))}: a wrong option or wiring, a machine that "
+            f"must be acknowledged, an actuator not at its default, no record.",
             "Restart=on-failure",
             f"RestartSec={RESTART_PAUSE}",
             f"RestartPreventExitStatus={' '.join(map(str, map(int, NO_RESTART)))}",

@@ -67,8 +67,8 @@ def make(
     last: Annotated[
         float | None,
         time_option(
-            help="Flight recorder: keep only this last time, such as '10 min'. It is saved if the run fails, and by "
-            "umo recording save.",
+            help="Flight recorder: keep only the newest data, for a length of time such as '10 min'. They are saved if "
+            "the run fails, and by umo recording save.",
         ),
     ] = None,
     rotate: Annotated[float | None, time_option(help="Begin a new file after this time; default: 1 h.")] = None,
@@ -311,9 +311,7 @@ def history(
     ] = None,
     last: Annotated[
         float | None,
-        time_option(
-            help="Keep only the data of this last time, such as 30d, and remove older data; default: keep all data."
-        ),
+        time_option(help="Remove data that are older than this time, such as 30d; default: keep all data."),
     ] = None,
     connect: Connect = None,
     certificates: Certificates = None,
@@ -342,7 +340,8 @@ def query(
     sql: Annotated[str, typer.Argument(metavar="SQL", help="One SELECT statement in the SQL of DuckDB.")],
     folder: HistoryFolder = HISTORY,
     last: Annotated[
-        float | None, time_option(help="Read only the files of this last time, such as 2h; default: all files.")
+        float | None,
+        time_option(help="Read only the files that are not older than this time, such as 2h; default: all files."),
     ] = None,
     rows: Annotated[int, typer.Option(min=1, help="Largest number of rows to print; default: 100.")] = 100,
     out: Annotated[Path | None, out_option("FILE.csv", "Write all rows to this file.")] = None,

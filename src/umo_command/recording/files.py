@@ -104,7 +104,8 @@ def plot(file: Path, wanted: ValueSelection, target: Path | None) -> int:
 
 
 def _drawn(values: Any, line: OneLine, with_alarms: bool = False) -> Any:
-    """About `MAX_ROWS` rows of the recording at most, its progress, and when its alarms were active."""
+    """Return at most about `MAX_ROWS` rows of the recording, its progress, and the times at which its alarms were
+    active."""
     import numpy as np
 
     from umo.operation.alarms.alarm_log import AlarmLog

@@ -124,7 +124,7 @@ def _write_csv(file: Path, names: Sequence[str], rows: Iterator[Sequence[Any]]) 
 
 
 def _print_json(names: Sequence[str], rows: Iterator[Sequence[Any]]) -> None:
-    """A list, a row to a line; numbers that JSON does not have are null."""
+    """Print a JSON list with one row on each line. Numbers that JSON cannot express are null."""
     end = "["
     for row in rows:
         told = {name: _plain(each) for name, each in zip(names, row, strict=True)}

@@ -52,7 +52,7 @@ def shrink_file(file: Path, code: CodeGiven, output: Path | None, seconds: float
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    """Hundreds of replays fail, and say so."""
+    """Return a context without warnings: otherwise hundreds of failing replays would each print theirs."""
     log = logging.getLogger("umo")
     before = log.level
     log.setLevel(logging.CRITICAL)
@@ -76,7 +76,8 @@ def _mistake(target: Path | None, closed: bool) -> str | None:
 
 
 def _searched(search: Callable[[Callable[[], bool]], Any], left: Callable[[], str], seconds: float) -> str:
-    """Search with a line of progress; why it ended early, in brackets, or ""."""
+    """Search, and show the progress on a line. Return the reason in brackets if the search ended early, otherwise
+    ""."""
     begun = time.monotonic()
     with OneLine(err) as line:
 
@@ -141,7 +142,7 @@ def _counts(trial: Trial) -> str:
 
 
 def _command(trial: Trial) -> str:
-    """The run as a command; without commands of clients."""
+    """Return the trial as a command line of `umo run`, without the commands of clients."""
     name = Path(trial.station).name
     is_shipped = packaged(name) == Path(trial.station)
     words = ["umo", "run", name if is_shipped else shown_path(trial.station)]
@@ -153,7 +154,8 @@ def _command(trial: Trial) -> str:
 
 
 def _as_arguments(code: CodeGiven, target: Path) -> str:
-    """The code that the command line named as arguments of a test; folders and files from the test's own folder."""
+    """Return the code that the command line named, as arguments of a test. Folders and files are relative to the folder
+    of the test."""
 
     def shown(text: str) -> str:
         place, colon, names = text.partition(":")
@@ -173,7 +175,7 @@ def _comment(text: str) -> str:
 
 
 def _shown(trial: Trial) -> str:
-    """A trial as an expression of Python."""
+    """Return a trial as a Python expression."""
     rows = (f"        {name}={pformat(value, width=100)}," for name, value in vars(trial).items())
     return "Trial(\n" + "\n".join(rows) + "\n    )"
 
@@ -183,9 +185,7 @@ _TEST = '''"""{facts}
 Made by umo recording shrink. The {what}: {text}
 It fails as long as the control code gives it.
 """
-
 from pathlib import Path
-
 from umo.testing import {function}
 
 

@@ -81,8 +81,8 @@ def run(
     last: Annotated[
         float | None,
         time_option(
-            help="Flight recorder: keep only this last time, such as '10 min'. It is saved if the run fails, "
-            "and by umo recording save."
+            help="Flight recorder: keep only the newest data, for a length of time such as '10 min'. They are saved if "
+            "the run fails, and by umo recording save."
         ),
     ] = None,
     fault: Faults = None,

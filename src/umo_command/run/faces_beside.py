@@ -92,7 +92,7 @@ class FacesBeside(ProcessBeside):
         if not self._table or pid is None:
             return
         if self._process is not None:
-            status = self._process.poll()  # before its text: the last of it is told too
+            status = self._process.poll()  # read before the text, so that the last lines are printed, too
             for line in self._lines()[:MAX_TOLD]:
                 self._tell(f"faces: {line}")
             if status is None:
@@ -108,7 +108,7 @@ class FacesBeside(ProcessBeside):
                 table.write(json.dumps(self._table, default=str).encode())
                 table.seek(0)
                 self._begin([str(os.getpid()), str(pid), self._wiring], path, table)
-        except Exception as error:  # a full disk, too many processes: none of it ends the run
+        except Exception as error:  # such as a full disk or too many processes: this must not end the run
             self._missed(f"the faces cannot be started: {text_of(error)}; umo tries again")
             return
         assert self._process is not None
@@ -130,7 +130,7 @@ class FacesBeside(ProcessBeside):
         self._pause = min(2 * self._pause, MAX_PAUSE)
 
     def _tell(self, line: str) -> None:
-        """Once, until a process has lived for long."""
+        """Print a line once. It can be printed again when a process has lived for a long time."""
         if line not in self._told:
             self._told.append(line)
             say(line)

@@ -96,9 +96,9 @@ def follow(
             recorder.look()
             started.poll(POLL_TIMEOUT)
         elapsed = 0.0 if begun is None else time.perf_counter() - begun
-    if outcome.driven and begun is None:  # there was no memory, or no folder, for the frames
+    if outcome.driven and begun is None:  # the frames had no memory or no folder
         frame.whole = False
-    if outcome.unsafe:  # what the control process had no more time to say
+    if outcome.unsafe:  # the control process could not report this time any more
         outcome.simulated = frame.time
     if lost:
         say(f"{lost} periods came too fast to be written to the trace")
@@ -106,7 +106,8 @@ def follow(
 
 
 def _show(frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None]], faults: FaultLog) -> None:
-    """Show the new frames until they make no sense or an observer fails: the machine runs on, the record has a gap."""
+    """Show the new frames to the observers. If the frames are invalid or an observer fails, the machine continues to
+    run, and the record has a gap."""
     try:
         for row in frames.read():
             frame.show(row)

@@ -79,7 +79,7 @@ class TraceParts:
             self._sizes[-1] += len(rows)
 
     def _give_up(self, error: OSError) -> None:
-        """Leave no half of a row. The rows after the gap go to the same part, if that could be done."""
+        """Remove a row that was only partly written. If this succeeds, the rows after the gap go to the same part."""
         path, size = self._parts[-1], self._sizes[-1]
         try:
             os.truncate(path, size)
@@ -215,8 +215,8 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _lives(about: dict[str, Any]) -> bool:
-    """True if the process of a run lives. Another one may have got its number, after a restart of the computer above
-    all: a service has nearly the same ones at each boot."""
+    """True if the process of a run is alive. Another process may have the same number by now, above all after a restart
+    of the computer: a service gets nearly the same number at each boot."""
     pid, process = about.get("pid"), about.get("process")
     if not isinstance(pid, int) or pid <= 0:
         return False

@@ -143,7 +143,7 @@ def draw(drawn: Trace | Curves, title: str) -> tuple[Any, str]:
 
 
 def _groups(shown: Sequence[Curve]) -> list[list[Curve]]:
-    """Families together, the others one by one."""
+    """Return a group for each family of curves, and a group of one for every other curve."""
     groups: list[list[Curve]] = []
     for places in families(each.path for each in shown).values():
         members = [shown[place] for place in places]
@@ -152,7 +152,8 @@ def _groups(shown: Sequence[Curve]) -> list[list[Curve]]:
 
 
 def _panels(shown: Sequence[Curve]) -> list[Panel]:
-    """A panel for each family; actuators, sensors (with setpoints) and signals of one unit share one."""
+    """Return a panel for each family. The other curves of one unit have a panel for the actuators, one for the sensors
+    (with setpoints), and one for the signals."""
     panels: dict[str, Panel] = {}
     for group in _groups(shown):
         first = group[0]
@@ -169,7 +170,8 @@ def _panels(shown: Sequence[Curve]) -> list[Panel]:
 
 
 def _curves(axis: Any, trace: Curves, panel: Panel) -> None:
-    """A few curves with a name each; many as thin lines, very many as their least, median and greatest value."""
+    """Draw a few curves each with its name, many curves as thin lines, and very many as the least, median and greatest
+    of their values."""
     rows = trace.rows[:: max(1, len(trace.rows) // MAX_POINTS)]
     time, curves = rows[:, 0], rows[:, [each.column for each in panel.curves]]
     paths = [each.path for each in panel.curves]
@@ -203,7 +205,8 @@ def _short(name: str) -> str:
 
 
 def _strip(axis: Any, trace: Curves, strip: list[list[Curve]]) -> None:
-    """A row for each object, a bar wherever it was in its 1 state; for a family a shade for how many were."""
+    """Draw a row for each object, with a bar wherever the object was in its 1 state. In the row of a family a shade
+    shows how many objects were in this state."""
     time = trace.rows[:, 0]
     labels = []
     for row, group in enumerate(reversed(strip)):
@@ -226,7 +229,8 @@ def _strip(axis: Any, trace: Curves, strip: list[list[Curve]]) -> None:
 
 
 def _alarm_groups(log: AlarmLog | None) -> list[list[AlarmOfRun]]:
-    """The alarms that were raised, the most important first: families together, the others one by one."""
+    """Return the alarms that were raised, the most important first: a group for each family, and a group of one for
+    every other alarm."""
     raised = [] if log is None else log.raised
     groups: list[list[AlarmOfRun]] = []
     for places in families(each.path for each in raised).values():
@@ -236,7 +240,7 @@ def _alarm_groups(log: AlarmLog | None) -> list[list[AlarmOfRun]]:
 
 
 def _alarms(axis: Any, trace: Curves, groups: list[list[AlarmOfRun]]) -> None:
-    """A row for each alarm that was raised, or for a family of them; a bar wherever it was active."""
+    """Draw a row for each raised alarm, or for each family of alarms, with a bar wherever the alarm was active."""
     assert trace.alarms is not None
     first, last = trace.rows[0, 0], trace.rows[-1, 0]
     labels = []
@@ -257,7 +261,7 @@ def _alarms(axis: Any, trace: Curves, groups: list[list[AlarmOfRun]]) -> None:
 
 
 def _bars(time: Any, ones: Any) -> Any:
-    """Begin and length of each stretch of ones."""
+    """Return the beginning and the length of each interval of ones."""
     edges = np.diff(np.concatenate(([0.0], ones, [0.0])))
     ends = np.append(time, time[-1])
     begins, stops = ends[np.flatnonzero(edges > 0)], ends[np.flatnonzero(edges < 0)]
@@ -265,7 +269,7 @@ def _bars(time: Any, ones: Any) -> Any:
 
 
 def _merged(spans: Any, most: int = 2000) -> Any:
-    """A fast train of pulses as few bars: gaps that no eye could see are closed."""
+    """Return fewer bars for a fast train of pulses: gaps that are too small to be seen are closed."""
     if len(spans) <= most:
         return spans
     gap = (spans[-1, 0] - spans[0, 0]) / most

@@ -49,7 +49,7 @@ class ProcessBeside:
         return []
 
     def _forget(self, status: int) -> str:
-        """Return how it ended, in words. It has ended, and its text is taken."""
+        """Return as text how the process ended. Call this after the process has ended and its output has been read."""
         assert self._process is not None and self._process.stdout is not None
         self._process.stdout.close()
         self._process, self._rest = None, b""

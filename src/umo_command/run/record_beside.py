@@ -100,13 +100,13 @@ class RecordBeside(ProcessBeside):
             arguments = [str(there.fileno()), str(order.file), json.dumps(dict(order.settings))]
             self._begin(arguments, sys.path, subprocess.DEVNULL, [there.fileno()])
         self._channel.settimeout(START_TIMEOUT)
-        with suppress(OSError):  # taken: what is not read breaks the connection when it is closed
+        with suppress(OSError):  # data that are not read would break the connection when it is closed
             self._channel.recv(len(READY))
 
     def attach(self, reader: Reader) -> None:
         """Pass the frames of the run to the recorder. The run has begun."""
         if self._channel is not None and reader.ends is not None:
-            with suppress(OSError):  # it has ended, which is told
+            with suppress(OSError):  # the recorder has ended; `look` reports this
                 calls.send_message(self._channel, FRAMES, reader.ends)
             self._channel.close()
             self._channel = None
@@ -122,7 +122,7 @@ class RecordBeside(ProcessBeside):
         self._tell_lines()
         if status is not None:
             how = self._forget(status)
-            if status == ExitStatus.NOT_RECORDED:  # it has said why
+            if status == ExitStatus.NOT_RECORDED:  # the recorder has printed the reason
                 self.complete = False
             elif status:
                 self._miss(

@@ -136,13 +136,13 @@ class RunSummary:
         return lines[:MAX_SHOWN] + more
 
     def _faults(self) -> dict[str, Any]:
-        """The faults of equipment as plain data."""
+        """Return the faults of equipment as plain data."""
         faults = self.equipment_faults
         last = [asdict(fault) for fault in faults.last]
         return {"number": faults.number, "standing": list(faults.standing), "last": last}
 
     def _fault_rows(self) -> Iterator[tuple[str, str]]:
-        """The number of faults of equipment, and the last ones."""
+        """Yield a row with the number of the faults of equipment, and rows with the last faults."""
         faults = self.equipment_faults
         if not faults.number:
             return
@@ -156,7 +156,8 @@ class RunSummary:
             yield "", f"and {earlier} earlier"
 
     def _alarms(self) -> dict[str, Any]:
-        """The alarms as plain data: those that were raised, and the last times for which they were active."""
+        """Return the alarms as plain data: the alarms that were raised, and the last times for which they were
+        active."""
         log = self.alarms
         if log is None:
             return {"raised": 0, "active": [], "each": {}, "last": []}
@@ -174,7 +175,7 @@ class RunSummary:
         return {"raised": log.number, "active": log.active, "each": each, "last": last}
 
     def _alarm_rows(self) -> Iterator[tuple[str, str]]:
-        """The rows on alarms: how often they were raised, and the most important of them."""
+        """Yield a row that says how often alarms were raised, and a row for each of the most important alarms."""
         log = self.alarms
         if log is None or not log.number:
             return
@@ -187,7 +188,7 @@ class RunSummary:
             yield "", f"and {others(more)}"
 
     def _mistake_rows(self) -> Iterator[tuple[str, str]]:
-        """The first mistakes of the program, and the number of the others."""
+        """Yield rows with the first mistakes of the program, and a row with the number of the others."""
         mistakes = self.equipment_faults.mistakes
         for each in mistakes[:MAX_SHOWN]:
             yield f"mistake: {each.path}", printable(each.text)
@@ -225,7 +226,7 @@ class RunFolder:
     def __init__(self, path: Path, alone: bool = False) -> None:
         self.path = path
         self._alone = alone
-        """True if `runs/` was made for it."""
+        """True if `runs/` was made for this folder."""
         self.complete = True
         """True if everything was written."""
 
@@ -254,7 +255,7 @@ class RunFolder:
         """Remove the folder of a run in which nothing ran."""
         shutil.rmtree(self.path, ignore_errors=True)
         if self._alone:
-            with suppress(OSError):  # others are in it
+            with suppress(OSError):  # `runs/` contains other folders
                 RUNS.rmdir()
 
     def save(self, result: RunSummary, trace: Trace) -> None:
@@ -265,7 +266,7 @@ class RunFolder:
             self._save("failure.txt", lambda file: _write(file, text))
         self._save("summary.json", result.save)
         if not self._save("trace.csv", trace.save):
-            remove(self.path / "trace.csv")  # it ends before the run did
+            remove(self.path / "trace.csv")  # the trace ends before the end of the run
 
     def _save(self, name: str, write: Callable[[Path], object]) -> bool:
         try:
@@ -289,7 +290,7 @@ class TraceFile:
         self._trace = trace
         self._path = path
         self._next = self._written = float("-inf")
-        """Times on the machine's clock: of the next writing, and of the last row written."""
+        """Time of the next writing, and time of the last row that was written, on the machine's clock."""
         self._failed = False
 
     def __call__(self, frame: Frame) -> None:
@@ -301,7 +302,7 @@ class TraceFile:
                 file.writelines(lines(self._trace, after=None if first else self._written))
         except OSError as error:
             self._failed = True
-            remove(self._path)  # it may end in the middle of a row
+            remove(self._path)  # the file may end in the middle of a row
             say(
                 f"{self._path} cannot be written: {text_of(error)}; the run continues, and umo tries to write the "
                 f"trace at the end",
@@ -315,7 +316,7 @@ def _write(file: Path, text: str) -> None:
 
 
 def _new_folder(name: str) -> Path:
-    """A folder of its own in runs/, also for the second run that begins within a second."""
+    """Make a separate folder in runs/, even if two runs begin within the same second."""
     RUNS.mkdir(exist_ok=True)
     folder, number = RUNS / name, 1
     while True:

@@ -84,7 +84,7 @@ def _run_station(job: Job, record: Record, full_traceback: bool, serve: bool) ->
     check_file("--summary", record.summary)
     plan = Plan(job)
     if _is_recorded(plan, record) and not _has_processes(plan) and HASH_SEED not in os.environ:
-        begin_again(FIXED_HASHES[HASH_SEED])  # as the processes of a run in real time: a replay repeats the run
+        begin_again(FIXED_HASHES[HASH_SEED])  # like the processes in real time, so that a replay repeats the run
     faces = faces_of(wiring_of(plan), plan.wired.faces) if serve else {}
     if job.options.get("realtime") and not plan.wired.paced and not job.manual:
         say("--realtime has no effect: the timer of this wiring is a real-time timer")
@@ -131,8 +131,8 @@ def _run_station(job: Job, record: Record, full_traceback: bool, serve: bool) ->
 
 
 def _make_room(plan: Plan, record: Record) -> None:
-    """Remove the oldest runs, as asked. Say that the disk has less room than the trace may take. No failure of this
-    keeps the machine from running."""
+    """Remove the oldest runs, if this was requested. Print a notice if the disk has less space than the trace may need.
+    A failure here does not prevent the run."""
     with suppress(OSError):
         if record.keep_runs is not None:
             prune(record.keep_runs, plan.name)
@@ -189,7 +189,7 @@ def _fail(failure: Failed, full_traceback: bool) -> int:
 
 
 def _has_processes(plan: Plan) -> bool:
-    """True if it runs in processes of its own."""
+    """True if the run has separate processes."""
     return plan.wired.realtime and LINUX
 
 
@@ -209,7 +209,8 @@ def _recording(plan: Plan, record: Record, folder: RunFolder | None) -> RecordOr
 
 
 def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: RecordedVirtual) -> None:
-    """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
+    """Carry out the run in this process. An error is stored in the result. The actuators are reset before this function
+    returns."""
     plan.prepared = prepare_if_asked(plan.machine, plan.wired, say)
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     connection.kept = kept_values.copy(plan, say)
@@ -255,7 +256,7 @@ def _write_summary(result: RunSummary, summary: Path) -> bool:
 
 
 def _leave_behind(folder: RunFolder, result: RunSummary, trace: Trace, title: str) -> None:
-    """Fill the folder of the run; with a title draw the plot. Print what is in it."""
+    """Write the files of the run's folder. If there is a title, draw the plot. Print the names of the files."""
     folder.save(result, trace)
     rest = _plot(title, trace, result, folder) if title and len(trace.rows) else ""
     files = (("trace", "csv"), ("plot", "png"))

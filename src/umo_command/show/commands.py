@@ -66,8 +66,8 @@ def values(
     """Show the values, traces and missed periods of a running station, live. This does not disturb the station.
 
     Similar objects of a list are folded into one line. Keys in a terminal: arrows, page up, page down, home and end
-    move; enter folds or unfolds a line; a folds or unfolds all lines; q quits. If the output is not a terminal, or with
-    --once, every object is shown once.
+    move the cursor; enter folds or unfolds a line; 'a' folds or unfolds all lines; 'q' quits. If the output is not a
+    terminal, or with --once, every object is shown once.
     """
     from umo_command.show.values_live import watch as show
 
@@ -156,9 +156,9 @@ def page(
     The page has the tabs Scope, Machine, Twin and Operate. A separate process serves it and does not disturb the
     station. Ctrl-C ends the page; the stations continue.
 
-    By default the page listens on loopback and may command machines. Every address needs the token. With another
+    By default the page listens on loopback and can command machines. Every address needs the token. With another
     address (--host) or a proxy (--proxy) you must give a token, and the page is read-only without --operate. Give a
-    certificate too: without one the token can be read on the network. With the printed token, your programs on this
+    certificate too: otherwise the token can be read on the network. With the printed token, your programs on this
     computer may do everything. With a token that you gave, a visitor has the role of the page in roles.toml
     (docs/security.md).
 
@@ -195,8 +195,8 @@ def why(
     """Show why the last run ended, and why periods were missed: how long each phase took, and the cause.
 
     The times come from the newest black box, which is written when a period is missed or a run fails. The last faults
-    of equipment are also shown. If you give the path of an actuator, the command shows who drives the actuator, why,
-    and which value it gets when that claim ends.
+    of equipment are also shown. If you give the path of an actuator, the command shows its claim: who drives the
+    actuator, and why. It also shows which value the actuator gets when this claim ends.
     """
     option = "--now" if now else "" if file is None else "--file"
     if option and path is not None:
@@ -228,8 +228,9 @@ def parts(
 ) -> int:
     """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4).
 
-    Of three or more similar members of a list, only the parts of the first, and the wires of the first and the last,
-    are shown. Different members are shown separately. Options of the machine follow the station's name.
+    If a list has three or more similar members, only the parts of the first member are shown, with the wires of the
+    first and of the last member. Different members are shown separately. Options of the machine follow the station's
+    name.
     """
     from umo.process.station import find
     from umo_command.show.part_tree import show_tree

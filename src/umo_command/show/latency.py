@@ -34,7 +34,7 @@ def latency(step: float, seconds: float, load: bool, file: Path | None) -> None:
         raise RangeError("umo show latency needs Linux: umo runs in real time on Linux only")
     check_file("--out", file)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    # without a thread that draws, which would run beside what is measured
+    # without a drawing thread, which would run during the measurement
     with Progress(*columns, console=err, transient=True, auto_refresh=False, disable=not err.is_terminal) as bar:
         task = bar.add_task(f"{duration(step)}, umo's loop and a C loop alternately", total=1.0)
         bar.refresh()
@@ -85,7 +85,8 @@ def _quantiles(values: Any) -> Any:
 
 
 def _histogram(found: Measured) -> list[str]:
-    """Waking up plus working, in steps of a third of a decade, both loops side by side."""
+    """Return a histogram of the sum of wake-up delay and work, in steps of a third of a decade, with both loops side by
+    side."""
     loops = [("umo", found.by_itself)] + ([("C", found.c)] if found.c is not None else [])
     totals = [samples.total for _, samples in loops if len(samples.total)]
     if not totals:
@@ -101,7 +102,7 @@ def _histogram(found: Measured) -> list[str]:
 
 
 def _bar(count: int, total: int) -> str:
-    """Length by the logarithm of the count, so that one of a million is still seen."""
+    """Return a bar whose length is the logarithm of the count, so that a count of 1 in a million is still visible."""
     if not count:
         return ""
     room = BAR_WIDTH - 9

@@ -136,7 +136,8 @@ def _recording(choice: ViewOptions) -> Path | None:
 
 
 def _recorded(file: Path, second: Path | None, code: str | None) -> WatchedRecording:
-    """A recording, read; another one laid over it. `code`: the station whose twin is drawn."""
+    """Return a recording that has been read, with a second recording drawn over it, if there is one. `code`: the
+    station whose twin is drawn."""
     check_installed()
     station = None if code is None else find(code)
     from umo.clients.page.watched_recording import WatchedRecording
@@ -159,13 +160,13 @@ def _recorded(file: Path, second: Path | None, code: str | None) -> WatchedRecor
 
 
 def _elsewhere(choice: ViewOptions) -> str | None:
-    """The name of a station of a fleet, as `umo show values` takes it, if one is given."""
+    """Return the name of a station of a fleet (SITE/STATION), or None if no such name is given."""
     name = choice.station
     return name if name is not None and is_station_key(name) and not Path(name).is_dir() else None
 
 
 def _fleet() -> FleetFeed:
-    """The stations of other computers."""
+    """Return the feed of the stations of other computers."""
     if find_spec("zenoh") is None:
         raise PageError(f"a fleet needs zenoh: {how_to_install('fleet')}")
     from umo.clients.page.fleet_feed import FleetFeed
@@ -200,7 +201,7 @@ def _check(choice: ViewOptions, local: bool) -> None:
 
 
 def _is_origin(text: str) -> bool:
-    """True if a text is an address without a path, as browsers have it in the header Origin."""
+    """True if a text is an address without a path, in the form that browsers send in the header Origin."""
     try:
         parts = urlsplit(text)
         return parts.scheme in ("http", "https") and text == f"{parts.scheme}://{parts.netloc}" and bool(parts.hostname)
@@ -209,7 +210,7 @@ def _is_origin(text: str) -> bool:
 
 
 def _station(choice: ViewOptions) -> tuple[str, str, int | None] | None:
-    """Name, folder and pid of the station to show first: one that runs, or, without a pid, one that can be started."""
+    """Return name, folder and pid of the station to show first. The pid is None if the station does not run yet."""
     if choice.station is None:
         return None
     found = readers()
@@ -278,12 +279,13 @@ def _tell_roles(own: str | None) -> None:
 
 
 def _opening() -> Path:
-    """The file by which the browser is sent to the page; it carries the token."""
+    """Return the path of a file that leads the browser to the page. The file contains the token."""
     return folder() / "page.html"
 
 
 def _open(address: str) -> None:
-    """Open the user's browser by a file that only the user can read: other users see the arguments of processes."""
+    """Open the user's browser with a file that only the user can read, because other users can see the arguments of
+    processes."""
     file = _opening()
     url = escape(address)
     with written(file, 0o600) as stream:

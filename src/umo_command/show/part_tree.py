@@ -47,7 +47,8 @@ def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), e
 
 
 def _part(machine: Compound, path: str) -> tuple[str, Mapping[str, Node]]:
-    """The kind and the parts at a path: members of a list or dict, matches of a pattern, an atomic object itself."""
+    """Return the class and the parts at a path. The parts are those of a compound, the members of a list or dict, the
+    matches of a pattern, or the atomic object itself."""
     found = {path_of(node): node for node in named(machine, path)}
     node = found.get(path)
     if isinstance(node, Compound):
@@ -82,7 +83,7 @@ class _Branches:
                 tree.add(label((name, style), (f"{times}{_declared(begin)}", ""), *[(wires, "yellow")] * bool(wires)))
 
     def _alike(self, parts: Mapping[str, Node]) -> list[list[str]]:
-        """The names of the parts, those of like members of a list together."""
+        """Return the names of the parts, in groups: similar members of a list form a group."""
         groups: dict[object, list[str]] = {}
         for name, child in parts.items():
             of, _, number = name.rpartition(".")

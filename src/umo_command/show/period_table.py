@@ -61,7 +61,7 @@ def period_table(bound: dict[str, list[str]], title: str) -> Table:
 
 
 def acting_in(machine: ConnectedMachine) -> dict[str, list[str]]:
-    """Return the parts that act in each phase of a machine, as text, by the name of the phase."""
+    """Return, for the name of each phase of a machine, the parts that act in this phase, as text."""
     period, whole, parts = machine.phases, machine.groups.whole, machine.groups.parts
     items, claims = machine.image.items, machine.claims
     asked = sum(not item.synchronous for item in items if item.direction is Direction.OUTPUT)
@@ -87,7 +87,7 @@ def acting_in(machine: ConnectedMachine) -> dict[str, list[str]]:
 
 
 def _called(call: Callable[..., object]) -> str:
-    """The first sentence of what says itself what it is: the class of an object, or the function."""
+    """Return the first sentence of the docstring of a function, or of the class to whose object a method belongs."""
     owner = getattr(call, "__self__", call)
     about = owner if isinstance(owner, FunctionType | type) else type(owner)
     return (inspect.getdoc(about) or about.__qualname__).partition(". ")[0].partition("\n")[0].rstrip(".")

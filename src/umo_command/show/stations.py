@@ -25,7 +25,7 @@ from umo_command.console import out, plain_table, say
 COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed")
 """Facts that `umo show stations` shows in its table. Longer facts are shown on lines below the table."""
 MAX_STOPPED = 5
-"""Largest number of machines that stand stopped and have a line each. They are the newest ones."""
+"""Largest number of machines that must be acknowledged and have a line each. They are the newest of these machines."""
 CHANGED = "changed"
 """Name of the fact that lists the files that have changed on disk since the run read them."""
 
@@ -47,10 +47,10 @@ def show_stations(as_json: bool = False) -> None:
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
     for ended in stopped[:MAX_STOPPED]:
-        out.print(f"stands stopped: {ended.brief}", no_wrap=True, overflow="ellipsis")
+        out.print(f"must be acknowledged: {ended.brief}", no_wrap=True, overflow="ellipsis")
     if stopped:
         if len(stopped) > MAX_STOPPED:
-            out.print(f"{len(stopped) - MAX_STOPPED} more stand stopped")
+            out.print(f"{len(stopped) - MAX_STOPPED} more must be acknowledged")
         out.print(
             "Inspect the machine. Then start it with --acknowledge, or use `umo do STATION acknowledge`. `umo show "
             "stations --json` shows the causes.",
@@ -59,7 +59,8 @@ def show_stations(as_json: bool = False) -> None:
 
 
 def _lines(unread: Callable[[str], object]) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
-    """A line for each run. A run with damaged frames does not hide the others: `unread` is called with it."""
+    """Yield the facts of each run. If the frames of a run are damaged, `unread` is called with the error, and the other
+    runs follow."""
     for reader in search.readers(unread):
         try:
             with reader, search.reading(reader.path):
@@ -97,7 +98,7 @@ def how_ended(reader: RunReader) -> Text:
     name, end = reader.about["station"], reader.end
     if end is None:
         return Text(
-            f"{name} has ended without a report; `umo show stations` lists the devices that stand stopped", "red"
+            f"{name} has ended without a report; `umo show stations` lists the devices that must be acknowledged", "red"
         )
     return Text(f"{name} has ended: {printable(end.text)}", "red" if end.state is CommandState.FAILED else "")
 
@@ -137,7 +138,8 @@ def attach(name: str | None) -> Reader:
 
 
 def standing() -> list[Ended]:
-    """Return the machines that stand stopped, or whose processes have all ended, the newest first."""
+    """Return the machines that must be acknowledged: their last run ended unsafely, or all of its processes have
+    ended. The newest are first."""
     found = [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
     return sorted(found, key=lambda ended: ended.when, reverse=True)
 
@@ -173,7 +175,7 @@ def _told(reader: RunReader) -> tuple[dict[str, Any], dict[str, str]]:
 
 
 def _table(found: list[dict[str, str]]) -> Table:
-    """The columns in which something stands."""
+    """Return a table of the runs, with the columns that are not empty."""
     table = plain_table()
     titles = [title for title in COLUMNS if any(facts[title] for facts in found)]
     for title in titles:

@@ -191,7 +191,7 @@ class WatchScreen:
         return text
 
     def _paces(self) -> str:
-        """Waking up and execution over the last second."""
+        """Return the times of execution and of waking up over the last second, as text."""
         if not self._times:
             return ""
         times = np.concatenate(list(self._times))
@@ -200,7 +200,7 @@ class WatchScreen:
         return f"{text}; waking up {_percentiles(wakes)}" if wakes.size else text
 
     def _table(self, lines: list[Line], cursor: Line | None, width: int) -> Table:
-        """Table of the lines, with the columns that fit: the last ones go first."""
+        """Return a table of the lines. If the width is too small, the last columns are omitted."""
         rows = [self._row(line) for line in lines]
         name = max(len(line.name) for line in self.view.lines + lines)
         left = width - max(name, len(HEADINGS[0])) - COLUMN_GAP
@@ -247,7 +247,7 @@ class WatchScreen:
 
 
 def _remark(text: str, style: str = "red") -> Text:
-    """A line of its own, cut where the terminal ends."""
+    """Return a separate line, which is cut at the width of the terminal."""
     return Text(printable(text), style, no_wrap=True, overflow="ellipsis")
 
 
@@ -257,7 +257,8 @@ def _percentiles(ns: Any) -> str:
 
 
 def _value(line: list[TableRow]) -> Text:
-    """The value, its quality where that is not good, and marks of restrictions: of a family how many."""
+    """Return the value, its quality if this is not good, and marks of restrictions. For a family each mark has the
+    number of its objects."""
     text = Text(value_of(line))
     if worst := worst_of(line):
         text.append(f" {quality_of(line)}", "red" if worst == Quality.BAD else "yellow")

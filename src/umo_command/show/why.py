@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from umo.recording.recording import Recording
 
 PERIODS_BEFORE = 2
-"""Number of periods that are shown before the period that reports the missed one."""
+"""Number of periods that are shown before the period that reports the missed period."""
 MAX_VERDICTS = 10
 """Number of missed periods that are explained. They are the latest ones."""
 PROFILED = "which function takes the time, in virtual time (docs/howto-late-periods.md):"
@@ -59,7 +59,8 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
 
 
 def _show_end(station: str | None) -> bool:
-    """Print how the newest run in `runs/` has ended, of one station or of all. False if there is none."""
+    """Print how the newest run in `runs/`, of one station or of all stations, has ended. Return False if there is no
+    run that has ended."""
     runs = newest(recorded(station and station_name(station)))
     if not runs or runs[0].state == "running":
         return False
@@ -87,7 +88,7 @@ def _newest(station: str | None) -> Path:
 
 
 def _keep(station: str | None) -> Path:
-    """A black box of a running station, written by this process from its frames."""
+    """Write a black box of a running station from its frames. Return the file."""
     with attach(station) as reader:
         file = blackbox.name_for(blackbox.folder(), str(reader.about["station"]), time.time())
         blackbox.save(reader, file, blackbox.ON_DEMAND)
@@ -128,13 +129,14 @@ def _report(reader: RunReader, file: Path, now: bool) -> None:
 
 
 def _station(about: Mapping[str, Any]) -> str:
-    """The station of a run as it is given in the command line: a folder that is not of umo by its path."""
+    """Return the station of a run as a command line names it: by its name if it ships with umo, otherwise by the path
+    of its folder."""
     place = Path(str(about.get("place", "")))
     return str(about["station"]) if place.parent in (Path(), SHIPPED) else shown_path(str(place))
 
 
 def _report_recording(file: Path) -> None:
-    """The black boxes of a recording, and the periods around the last missed one."""
+    """Print the black boxes of a recording, and the periods around the last missed period."""
     check_installed()
     from umo.recording.recording import Recording
 
@@ -155,7 +157,7 @@ def _report_recording(file: Path) -> None:
 
 
 def _parts(reader: RunReader | Recording, frames: Any) -> tuple[list[str], Any]:
-    """The parts of each period's time, in ns."""
+    """Return the names of the parts into which the time of a period is divided, and their times in ns."""
     parts = split(frames, reader.layout)
     return [PART_TITLES.get(name, name) for name in parts], np.array(list(parts.values()))
 
@@ -169,7 +171,8 @@ def _usual(reader: RunReader, frames: Any) -> Table:
 
 
 def _around(reader: RunReader | Recording, frames: Any, row: int) -> Table:
-    """The periods before and after a miss, and what was counted from one to the next."""
+    """Return a table of the periods before and after a missed period, with the changes of the counters from each period
+    to the next."""
     names, times = _parts(reader, frames)
     rows = [i for i in range(row - PERIODS_BEFORE, row + 2) if 1 <= i < len(frames)]
     moments = (clock_text(frames["time"][i], reader.about["period"]) for i in rows)

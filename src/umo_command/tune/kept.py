@@ -52,7 +52,7 @@ def _is_of(values: KeptValues | KeptFileError, wiring: str | None) -> bool:
 
 def _list(path: Path, values: KeptValues) -> None:
     name = ", ".join(filter(None, (values.station, values.wiring)))
-    age = time.time() - values.utc  # perhaps kept before the computer was started: no other clock tells it
+    age = time.time() - values.utc  # other clocks begin at the start of the computer, maybe after the values
     when = f"{lasting(age)} ago" if age >= 0 else f"at {time_of_day(values.utc)}, later than the clock shows now"
     out.print(f"{printable(name)}: kept {when}, in period {values.period}", soft_wrap=True)
     table = Table("number", "value", "unit", header_style="bold")
@@ -74,7 +74,7 @@ def _text(value: Any) -> str:
 
 
 def _forget(files: list[tuple[Path, KeptValues | KeptFileError]], number: str) -> None:
-    """Take a number out of every file; refused while a run keeps it."""
+    """Remove a number from every file of kept values. Raises CommandRefused while a run uses the values."""
     known = {path for _, values in files if isinstance(values, KeptValues) for path in values.numbers}
     if number not in known:
         raise PathError(f"{number!r} is not kept{did_you_mean(number, known)}")

@@ -147,7 +147,7 @@ def _say_doubts(result: TuningResult) -> None:
     if result.faster is not None and result.faster < FASTER:
         say(
             f"{result.facts.inner}, the inner law, is only {result.faster:.1f} times faster than the rest of the "
-            f"process ({FASTER:g} at least, better 5): make the inner law faster, and repeat the experiment"
+            f"process (it needs at least {FASTER:g}; 5 is better): make the inner law faster, and repeat the experiment"
         )
 
 
@@ -161,7 +161,8 @@ def _found(order: TuningOrder, facts: LawFacts, response: MeasuredResponse) -> T
 
 
 def _running(name: str) -> Reader | None:
-    """The frames of the run of this name, if there is one. Raises FramesError if there are several."""
+    """Return the frames of the run with this name, or None if there is no such run. Raises FramesError if there are
+    several."""
     if (elsewhere := find_elsewhere(name)) is not None:
         return elsewhere
     found = readers()
@@ -189,7 +190,7 @@ def _live(station: RemoteStation, place: str, order: TuningOrder) -> list[Tuning
         check_tunable(station, facts.inner, ("gain", "integral_time"))
         inner = _live_one(station, facts.inner, order, inner_facts)
         with trying(station, facts.inner, settings_of(inner, inner.set_of(order.name))):
-            time.sleep(inner.response.duration)  # the outer law brings its measurement back
+            time.sleep(inner.response.duration)  # in this time the outer law returns its measurement to the setpoint
             return [inner, _live_one(station, place, order, facts)]
 
 
@@ -206,7 +207,7 @@ def _live_one(station: RemoteStation, place: str, order: TuningOrder, facts: Law
         began, before = time.monotonic(), station.progress
 
         def show() -> None:
-            progress = station.progress  # what was said before is none of it
+            progress = station.progress  # progress from before the experiment does not belong to it
             line.show(time.monotonic() - began, "" if progress == before else progress.text, None)
 
         if order.moves is not None:
@@ -241,7 +242,8 @@ def _arguments(order: TuningOrder, facts: LawFacts) -> dict[str, Any]:
 
 
 def _amplitude(option: str, text: str, facts: LawFacts) -> float:
-    """A share of the actuator's range (10%), or a number in its units."""
+    """Return the amplitude in the actuator's unit. The text is a share of the actuator's range (10%), or a number in
+    its unit."""
     if text.strip().endswith("%"):
         if not isfinite(facts.ranges[1]):
             raise OptionError(f"{option}: {text} is a share of a range, and {facts.actuator} has no range")

@@ -67,7 +67,7 @@ def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
 
 
 def _named(station: Station, books: Mapping[str, RecipeBook[Any]], name: str) -> tuple[str, Recipe]:
-    """The path of the book that has this recipe, and the recipe."""
+    """Return the path of the book that has this recipe, and the recipe."""
     if not books:
         raise OptionError(f"{station.name} has no recipes")
     found = [(path, book.recipes[name]) for path, book in books.items() if name in book.recipes]
@@ -81,7 +81,7 @@ def _named(station: Station, books: Mapping[str, RecipeBook[Any]], name: str) ->
 
 
 def _text(recipe: Recipe, key: str, value: Any) -> str:
-    """A value with its unit."""
+    """Return a value with its unit."""
     shown = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
     hints = hints_of(type(recipe))  # type: ignore[arg-type]
     return f"{with_short_numbers(shown)} {unit_of(hints[key])}".rstrip()

@@ -1,6 +1,6 @@
 """The driver `my_card`, made by `umo new driver`.
 
-To change: CHANNELS, the options, and the class Device, which stands in for the device.
+Change CHANNELS, the options, and the class Device, which simulates the device.
 
     [drivers.my_card]
     type = ".my_card:MyCard"    # without the dot if this is not in a station's folder
@@ -57,7 +57,7 @@ class MyCard(Driver):
 
     def open(self) -> None:
         self._is_open = True
-        with self._connection():  # a device that is not there is found now
+        with self._connection():  # an error if the device is missing
             pass
 
     def close(self) -> None:
@@ -75,16 +75,16 @@ class MyCard(Driver):
         with self._connection() as device:
             device.set(channel.text, raw)
 
-    # If the device transfers many channels in one message: override read_many and
-    # write_many too. If it can be asked whether it is there without waiting for it:
-    # override look, or a device that does not answer is tried again and again.
+    # If the device transfers many channels in one message, override read_many and
+    # write_many, too. If a request can be sent without waiting for its answer, override
+    # look. Without look, umo tries a device that does not answer again and again.
 
     @contextmanager
     def _connection(self) -> Iterator[Device]:
-        """The device, for one call, with one deadline for whatever the call takes.
+        """Return a context with the device for one call, which has one deadline.
 
-        After a failure the connection is closed, and the next call makes another: a
-        late answer must not be taken for the answer to a later request.
+        After a failure the connection is closed, and the next call makes a new one:
+        a late answer must not be taken for the answer to a later request.
         """
         if not self._is_open:
             raise DriverError("it is not open")
@@ -107,15 +107,15 @@ class MyCard(Driver):
 class Device:
     """A connection to the device. This one is in memory.
 
-    adc:0 reads what dac:0 is at, switch:0 what relay:0 is at. Replace it by the calls
-    of your device's library, or by a socket (docs/howto-write-a-driver.md). Each call
-    ends before `deadline`, a time of `time.monotonic()`; an answer that is late is a
-    DeviceTimeout, every other failure an OSError, such as DriverError. An answer that
-    is not as expected is a failure too.
+    adc:0 reads the level of dac:0, and switch:0 that of relay:0. Replace this class by
+    calls of your device's library, or by a socket (docs/howto-write-a-driver.md). Each
+    call must end before `deadline`, a time of `time.monotonic()`. A late answer raises
+    DeviceTimeout. Every other failure, also an unexpected answer, raises an OSError,
+    such as DriverError.
     """
 
     levels: ClassVar[dict[str, int]] = dict.fromkeys(CHANNELS, 0)
-    """Levels of the device itself, which outlast the connection."""
+    """Levels of the device itself, which remain when the connection is closed."""
     silent: ClassVar[bool] = False
     """True if the device does not answer, for the tests."""
     wires: ClassVar[dict[str, str]] = {"dac:0": "adc:0", "relay:0": "switch:0"}
@@ -133,7 +133,7 @@ class Device:
         self.levels[name] = self.levels[self.wires[name]] = raw
 
     def close(self) -> None:
-        """Also called after a failure."""
+        """Close the connection. This is also called after a failure."""
 
     def _exchange(self) -> None:
         if self.silent or monotonic() > self.deadline:

@@ -1,8 +1,8 @@
 """Tests of the driver `my_card`: run `pytest test_my_card.py`.
 
 The conformance kit drives the outputs that SUBJECT lists, within their limits, and
-brings them to their defaults at the end. With the real device, list only those that may
-move, and connect the loop-backs by wires.
+brings them to their defaults at the end. With the real device, list only outputs that
+may move, and connect the loop-backs by wires.
 """
 
 from collections.abc import Iterator

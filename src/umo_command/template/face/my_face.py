@@ -1,6 +1,6 @@
-"""The face `my_face`, made by `umo new face`: JSON over TCP. Each change is a line; so are commands and answers.
+"""The face `my_face`, made by `umo new face`: JSON over TCP. Each change, command and answer is one line.
 
-Replace the lines by the protocol of your clients; the host and the gateway stay.
+Replace the lines by the protocol of your clients. The host and the gateway of the face stay the same.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from umo.system.peer_account import is_own
 
 
 class MyFace(Face):
-    """A line of JSON for each change, over TCP on this computer; commands and their answers are lines, too."""
+    """Lines of JSON over TCP on this computer: one line for each change, each command and each answer."""
 
     def __init__(self, port: int = 9500) -> None:
         self._endpoint = Endpoint("127.0.0.1", port)
@@ -58,7 +58,7 @@ class MyFace(Face):
 
     def _tell(self, data: bytes) -> None:
         for writer in self._writers:
-            if writer.transport.get_write_buffer_size() > 1_000_000:  # it does not read
+            if writer.transport.get_write_buffer_size() > 1_000_000:  # the client does not read
                 writer.transport.abort()
             else:
                 writer.write(data)
@@ -67,9 +67,9 @@ class MyFace(Face):
         self._writers.add(writer)
         writer.write(b"".join(self._last.values()))
         asked: set[asyncio.Task[None]] = set()
-        with suppress(ConnectionError, ValueError):  # it has gone; its line is too long
+        with suppress(ConnectionError, ValueError):  # the client has gone, or its line is too long
             while text := await reader.readline():
-                task = asyncio.create_task(self._answer(text, writer))  # others are answered meanwhile
+                task = asyncio.create_task(self._answer(text, writer))  # other commands are answered meanwhile
                 asked.add(task)
                 task.add_done_callback(asked.discard)
         self._writers.discard(writer)

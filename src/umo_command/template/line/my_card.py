@@ -1,7 +1,6 @@
 """The driver `my_card`, made by `umo new driver`: binary frames over TCP.
 
-To change: CHANNELS, the options and the frames. my_card_device.py stands in for the
-device.
+Change CHANNELS, the options and the frames. my_card_device.py simulates the device.
 
     [drivers.my_card]
     type = ".my_card:MyCard"    # without the dot if this is not in a station's folder
@@ -80,7 +79,7 @@ class MyCard(Driver, Looks):
 
     def open(self) -> None:
         self._is_open = True
-        with self._connection():  # a device that is not there is found now
+        with self._connection():  # an error if the device is missing
             pass
 
     def close(self) -> None:
@@ -90,7 +89,7 @@ class MyCard(Driver, Looks):
     def look(self) -> bool | None:
         """Return whether the device answers again, without waiting.
 
-        The stream on which it has answered is used by the next call."""
+        The next call uses the stream on which the device has answered."""
         if self._stream is not None and self._stream.idle():
             return True
         if not self._look.under_way:
@@ -181,17 +180,17 @@ class MyCard(Driver, Looks):
 
     @contextmanager
     def _connection(self) -> Iterator[tuple[Stream, float]]:
-        """The stream, for one call, with one deadline for whatever the call takes.
+        """Return a context with the stream for one call, and the call's deadline.
 
-        After a failure the stream is closed, and the next call opens another: what is
-        late must not be taken for the answer to a later request.
+        After a failure the stream is closed, and the next call opens a new one: a late
+        answer must not be taken for the answer to a later request.
         """
         if not self._is_open:
             raise DriverError("it is not open")
         deadline = monotonic() + self.timeout
         try:
             if self._stream is not None and not self._stream.idle():
-                self._drop()  # it has ended, or something came that nobody asked for
+                self._drop()  # it has ended, or has unexpected data
             if self._stream is None:
                 self._look.stop()
                 self._stream = self._dial(deadline)

@@ -1,11 +1,11 @@
-"""A device for the driver `my_card`, to try it without the real one.
+"""A simulated device, with which the driver `my_card` works without the real device.
 
     python my_card_device.py               listens on TCP, and prints the port
     python my_card_device.py --serial      makes a serial line, and prints its path
 
-adc:0 reads what dac:0 is at, switch:0 what relay:0 is at. There is no spare:0. The
-frames are those of my_card.py, written a second time, so that a mistake in one of the
-two does not hide in the other.
+adc:0 reads the level of dac:0, and switch:0 that of relay:0. There is no spare:0. The
+code of the frames is written again here, and not imported from my_card.py, so that a
+mistake in one of the two files does not hide in the other.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Tests of the driver `my_card`: run `pytest test_my_card.py`.
 
-my_card_device.py runs beside them. Between it and the driver stands a tap, which loses,
-delays, shortens and garbles answers for the conformance kit. The kit drives the outputs
-that the subject lists, within their limits, and brings them to their defaults at the
-end. With the real device, list only those that may move, and connect the loop-backs by
-wires.
+During the tests my_card_device.py runs in another process. A tap between this device
+and the driver loses, delays, shortens and garbles answers for the conformance kit. The
+kit drives the outputs that the subject lists, within their limits, and brings them to
+their defaults at the end. With the real device, list only outputs that may move, and
+connect the loop-backs by wires.
 """
 
 import subprocess

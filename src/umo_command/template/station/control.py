@@ -1,4 +1,4 @@
-"""The control code, carried out once per period (the controls developer's file). It does not depend on the circuits."""
+"""The control code, which runs once per period (the controls developer's file). It does not depend on the circuits."""
 
 from typing import Annotated
 

@@ -8,14 +8,15 @@ from umo.drivers import Channel, ChannelError, Direction, Driver, DriverError
 CHANNELS = {
     "out:inlet": Channel("out:inlet", Direction.OUTPUT, 1),
     "out:drain": Channel("out:drain", Direction.OUTPUT, 1),
-    "adc:level": Channel("adc:level", Direction.INPUT, 10),  # 0.5 mm a count
+    "adc:level": Channel("adc:level", Direction.INPUT, 10),  # 0.5 mm per count
     "in:overflow": Channel("in:overflow", Direction.INPUT, 1),  # 1 = FAIL
-    "tick": Channel("tick", Direction.INPUT, 31),  # the timer: reading it lets one period of physics pass
+    "tick": Channel("tick", Direction.INPUT, 31),  # the timer: each reading simulates one period
 }
 
 
 class Plant(Driver):
-    """A tank of 520 mm: the inlet raises the level by 20 mm/s, the drain lowers it with the root of the level.
+    """A tank of 520 mm. The inlet raises the level by 20 mm/s. The drain lowers it in proportion to the root of the
+    level.
 
     Options: level: level at the start, mm. leak: leak of the tank, mm/s.
     """
