@@ -66,7 +66,8 @@ _count = Count()
 
 
 def _elements(element: Decode, data: Any) -> list[Any] | None:
-    """The elements of an array; each takes a byte at least."""
+    """Decode the elements of an array. Raises ServiceError if the array has more elements than bytes are left, as each
+    element takes at least one byte."""
     length = binary.Primitives.Int32.unpack(data)
     if length == -1:
         return None
@@ -91,7 +92,8 @@ def _element(decode: Decode, data: Any) -> Any:
 
 
 def _reshaped(flat: list[Any], dimensions: list[int] | None) -> list[Any]:
-    """The dimensions of an array are those of the elements that have come."""
+    """Return the elements in the shape of an array. Raises ServiceError if the dimensions do not match the number of
+    elements."""
     if not dimensions or len(dimensions) > MAX_DIMENSIONS or min(dimensions) < 0 or prod(dimensions) != len(flat):
         raise ServiceError(WRONG)
     return _shaped(flat, dimensions) if flat else flat
