@@ -172,7 +172,7 @@ class McapReader:
             head = self.head(place.at)
             length = head.begin + head.length + mcap_records.HEAD.size
             if (head.first, head.last, head.size, length) != (place.first, place.last, place.size, place.length):
-                raise ValueError("it is not the one that the summary names")
+                raise ValueError("it is not the chunk that the summary names")
         except ValueError as error:
             self.damaged.add(place.at, str(error))
         else:
@@ -187,7 +187,7 @@ class McapReader:
             if len(self.chunks) >= MAX_CHUNKS:
                 self.damaged.add(at, f"no more than {MAX_CHUNKS:,} chunks are read")
                 return
-            found, why = None, "are no record"
+            found, why = None, "are not a record"
             try:
                 found = next(self._records(at, self.size), None)
                 is_known = found is not None and self._is_known(*found)

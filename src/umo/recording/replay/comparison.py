@@ -105,7 +105,7 @@ class Comparison:
         """Report a frame that was not recorded: the program updates once more in a period, unless the tape is over."""
         if self.compares and not self._player.over and self._result.difference is None:
             number = max(self._player.shown - 1, 0)
-            found = Difference(number, frame.time, "", "one update in this period", "another one")
+            found = Difference(number, frame.time, "", "one update in this period", "a second update")
             self._result.difference = found
             self.on_difference()
 

@@ -122,7 +122,7 @@ class Player:
         """Return the present reading of one sensor."""
         if self.period is None or self.paused:
             return int(self.raws[slot])
-        entry = self._entry(slot, READS, "a reading of its own")
+        entry = self._entry(slot, READS, "a separate reading")
         if entry is None:
             return int(self.raws[slot])
         _raise_if_failed(entry)
@@ -131,7 +131,7 @@ class Player:
     def write(self, slot: int, raw: int) -> None:
         """Write one actuator."""
         if self.period is not None and not self.paused:
-            entry = self._entry(slot, WRITES, f"a write of its own (raw {raw})")
+            entry = self._entry(slot, WRITES, f"a separate write (raw {raw})")
             if entry is not None:
                 _raise_if_failed(entry)
 
@@ -160,7 +160,7 @@ class Player:
             return True
         entry = self._next()
         if entry is None or entry[1] != Kind.LOOKED or entry[0] not in slots:
-            self._tell(min(slots, default=-1), "none", "a look for its driver")
+            self._tell(min(slots, default=-1), "none", "a check whether its driver answers")
             return True
         return {1: True, 0: False}.get(entry[3])
 
@@ -217,13 +217,13 @@ class Player:
         if self.period is None or self.paused:
             out[:] = [self.raws[slot] for slot in slots]
             return
-        found = self._group(slots, READS, "a reading of its own")
+        found = self._group(slots, READS, "a separate reading")
         out[:] = [int(self.raws[slot]) if slot not in found else found[slot][3] for slot in slots]
         _raise_for(found.values(), slots, texts)
 
     def write_group(self, slots: Sequence[int], texts: Sequence[str]) -> None:
         if self.period is not None and not self.paused:
-            found = self._group(slots, WRITES, "a write of its own")
+            found = self._group(slots, WRITES, "a separate write")
             _raise_for(found.values(), slots, texts)
 
     def read_block(self, slots: IntArray, texts: Sequence[str], out: IntArray) -> None:
