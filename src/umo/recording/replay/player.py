@@ -34,9 +34,9 @@ class Player:
         self.period: TapedPeriod | None = None
         """The period that is being played, or None before the first and after the last period."""
         self._begun: TapedPeriod | None = None
-        """The period that has begun, while the one before was not shown yet."""
+        """The period that has begun although the period before it was not shown yet; otherwise None."""
         self.next: TapedPeriod | None = next(self._coming, None)
-        """The period after that, or None if the tape ends."""
+        """The period that follows on the tape, or None at the end of the tape."""
         self.journal: Journal | None = None
         """The journal of the replay, or None if it has not begun."""
         self.lenient = False
@@ -55,7 +55,7 @@ class Player:
         self.seen: set[int] = set()
         """The blocks (first slots) that were transferred in this period."""
         self._used: set[int] = set()
-        """The entries that were used out of turn."""
+        """The numbers of the entries that were used out of their order."""
         self.shown = 0
         """Number of the completed periods."""
 
@@ -66,7 +66,7 @@ class Player:
         self.journal, self.period = journal, first
 
     def connected(self, journal: Journal) -> None:
-        """Note that the machine is connected. The periods follow. `journal` is that of the replay."""
+        """Record that the machine is connected, and that the periods follow. `journal`: the journal of the replay."""
         self.journal = journal
         self._begin(None)
 
@@ -252,7 +252,7 @@ class Player:
         return entries[at] if at < len(entries) else None
 
     def _entry(self, slot: int, kinds: Collection[int], asked: str) -> JournalEntry | None:
-        """The entry of a call for one object, or None if there is none, which is reported."""
+        """Return the entry of a call for one object. If there is none, report a difference and return None."""
         entry = self._next()
         if self.lenient:
             return self._search(slot, kinds)
@@ -262,7 +262,7 @@ class Player:
         return None
 
     def _search(self, slot: int, kinds: Collection[int], since: int = 0) -> JournalEntry | None:
-        """The next entry of an object that was not used yet, from this number on."""
+        """Return the next unused entry of an object, from the entry number `since` on."""
         assert self.period is not None
         for number, entry in enumerate(self.period.entries[since:], since):
             if entry[0] == slot and entry[1] in kinds and number not in self._used:
@@ -282,7 +282,7 @@ class Player:
         return found
 
     def _failed(self, slots: IntArray, kind: Kind) -> list[JournalEntry]:
-        """The entries from here on of the objects of a block that have failed."""
+        """Return the entries, from the present place on, of the objects of a block whose transfer failed."""
         assert self.period is not None
         places = {slot: number for number, slot in enumerate(slots.tolist())}
         failed: list[JournalEntry] = []
@@ -308,7 +308,7 @@ def _raise_if_failed(entry: JournalEntry) -> None:
 
 
 def _raise_for(entries: Collection[JournalEntry], slots: Sequence[int], texts: Sequence[str]) -> None:
-    """Raise as the driver did for the transfer of these objects."""
+    """Raise the error that the driver raised for the transfer of these objects in the recorded run, if any."""
     failed = [entry for entry in entries if entry[2] != ErrorKind.NONE]
     for entry in failed:
         if entry[2] != ErrorKind.CHANNELS:

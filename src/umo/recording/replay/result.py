@@ -59,7 +59,7 @@ class Replayed:
     settings: dict[str, Any] = field(default_factory=dict)
     """The numbers that were set to other values (`umo recording replay --set`), by path."""
     open_loop: bool = False
-    """True if the recording was shrunk, so that only its error was compared."""
+    """True if the recording was shrunk. In this case only its error was compared."""
     hashes: str = ""
     """A remark on the order of hashes, if it was not fixed."""
     code: str = ""
