@@ -12,7 +12,7 @@ EXTENT = "umo/periods"
 """Name of the metadata record with the extent."""
 
 FOLLOWED = "followed"
-"""Additional content of the record `EXTENT` if another file follows."""
+"""Key in the record `EXTENT` that is present if another file follows."""
 
 DAMAGE = "umo/damage"
 """Name of the metadata record with sentences about the damage in the files from which this file was made."""

@@ -101,7 +101,7 @@ class McapReader:
         self._held = 0
         try:
             self.is_whole = self._read_summary()
-            """True if it was closed and its summary is undamaged."""
+            """True if the file was closed and its summary is undamaged."""
         except Unreadable as error:
             self.damaged.add(error.at, str(error))
         if not self.is_whole:

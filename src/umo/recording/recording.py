@@ -93,7 +93,7 @@ class Recording:
     """
 
     def __init__(self, path: Path | str, *, later: bool = True) -> None:
-        """`later`: whether to include the files that follow this one by rotation."""
+        """`later`: True if the later files of a rotated recording are included."""
         self.path, self._later = Path(path), later
         self._files = [McapReader(self.path)]
         self._unread: list[str] = []

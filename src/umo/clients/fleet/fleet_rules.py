@@ -3,11 +3,11 @@
 One file, `rules.toml`, has a line for each certificate; `umo connect certificate` adds it. The owner of a certificate
 without a line may do nothing:
 
-    router.plant = true                # passes on what others say; it has checked them
+    router.plant = true                # passes on the messages of others, after a check of their certificates
     site.cell7 = true                  # publishes its own stations, and answers for them
-    user.ann = true                    # sees every station, and commands under the own name
-    user.bob = ["cell7", "cell8"]      # the same at these sites only; of others the presence and status
-    user.eve = false                   # withdrawn: this name is never used again, as the certificate still exists
+    user.ann = true                    # sees every station, and commands under its own name
+    user.bob = ["cell7", "cell8"]      # the same at these sites; of other sites only presence and status
+    user.eve = false                   # withdrawn: the name is never used again, because its certificate still exists
 
 The name of a certificate is `KIND:NAME`, as `user:ann`; Zenoh compares it with the key of each message
 (its access control). Zenoh reads the rules when it starts.

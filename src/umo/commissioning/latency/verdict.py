@@ -78,7 +78,7 @@ def recommend(found: Measured) -> str:
 
 
 def _release() -> tuple[int, ...]:
-    """The kernel's release, such as (6, 12)."""
+    """Return the release of the kernel, such as (6, 12)."""
     return tuple(int(part) for part in re.findall(r"\d+", platform.release())[:2])
 
 

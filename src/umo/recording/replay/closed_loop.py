@@ -230,8 +230,8 @@ def _taken(tape: Tape) -> Iterator[tuple[int, bytes]]:
 
 
 def _content(tick: int, data: bytes) -> Mapping[str, Any] | None:
-    """The content of a command that was taken at a tick, or None if it was not a command. Raises NotReplayable for a
-    command that is nested too deeply to be written into a test."""
+    """Return the content of a command that was taken at a tick, or None if it was not a command. Raises NotReplayable
+    for a command that is nested too deeply to be written into a test."""
     try:
         found = json.loads(data)
         level = [found]

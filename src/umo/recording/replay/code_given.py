@@ -24,7 +24,7 @@ FORM = "FILE.py:MACHINE:APPLICATION"
 
 @dataclass(frozen=True)
 class CodeGiven:
-    """The code named on the command line."""
+    """The code that the command line names."""
 
     station: str | None = None
     """A station by folder or name, or functions as `FILE.py:MACHINE:APPLICATION` (or `MODULE:...`). Without an

@@ -238,7 +238,7 @@ def _play_time(clock: WallClock, player: Player) -> None:
 
 
 def _end_of(tape: Tape) -> Any:
-    """The last event of the run, or None if the recording has none, because the run was killed."""
+    """Return the last event of the run, or None if the recording has none because the run was killed."""
     ends = [event for event in events_of(tape) if event.is_end]
     return ends[-1] if ends else None
 

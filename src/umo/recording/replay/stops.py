@@ -136,7 +136,7 @@ def _refused(node: ast.AST) -> str:
 
 
 def _names(kind: type[Any]) -> Iterator[str]:
-    """Yield the names of the members of all kinds of objects."""
+    """Yield the names of a class and of all its subclasses."""
     yield kind.__name__
     for each in kind.__subclasses__():
         yield from _names(each)

@@ -1,4 +1,5 @@
-"""A connection to an MQTT broker that may come and go. It has a will, a bounded queue, and callbacks in the loop."""
+"""A connection to an MQTT broker, which is opened again after each loss. It has a will, a bounded queue, and callbacks
+in the loop."""
 
 from __future__ import annotations
 

@@ -46,11 +46,11 @@ class HomeAssistant(Face):
     Options:
         host: the address of the broker. A broker on another computer needs `ca`.
         port: the TCP port of the broker.
-        prefix: the prefix of discovery that Home Assistant is configured with.
+        prefix: the discovery prefix in Home Assistant's configuration.
         topic: the topic below which the station's topics are.
         interval: time in s from one message of a number to the next, 0.1 to 3600. States and qualities are
             sent immediately.
-        ca: file of the certificates (PEM) against which that of the broker is checked. With it TLS is used.
+        ca: file of the certificates (PEM) against which the broker's certificate is checked. With it TLS is used.
         certificate: file of the face's certificate and key (PEM).
         user: the name of the user at the broker.
         password_file: file whose first line is the password of `user`.

@@ -47,10 +47,10 @@ class Sparkplug(Face):
         host: the address of the broker. A broker on another computer needs `ca`.
         port: the TCP port of the broker.
         group: the group of the node.
-        node: the name of the node; default: that of the station.
+        node: the name of the node; default: the name of the station.
         primary: the primary host. Nothing is sent until its STATE is online.
         store: number of values that are kept while the broker or the primary host is away.
-        ca: file of the certificates (PEM) against which that of the broker is checked. With it TLS is used.
+        ca: file of the certificates (PEM) against which the broker's certificate is checked. With it TLS is used.
         certificate: file of the face's certificate and key (PEM).
         user: the name of the user at the broker.
         password_file: file whose first line is the password of `user`.

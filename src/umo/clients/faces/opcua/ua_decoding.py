@@ -1,8 +1,8 @@
 """Limits the lengths in a message by the number of the message's bytes (OPC 10000-6, 5.2).
 
-asyncua 2.1 trusts the lengths in a message: an array with two thousand million nulls, which take no bytes; a string
-with a length of -4 bytes, which makes the decoder go back and read the string again; dimensions of a million for an
-empty array. A hundred bytes, sent before any session, would cost minutes and gigabytes.
+asyncua 2.1 trusts the lengths in a message. It would decode, for example: an array with two thousand million nulls,
+which take no bytes; a string with a length of -4 bytes, which makes the decoder go back and read the string again;
+dimensions of a million for an empty array. A hundred bytes, sent before any session, would cost minutes and gigabytes.
 """
 
 from __future__ import annotations
