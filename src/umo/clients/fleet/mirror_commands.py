@@ -52,8 +52,8 @@ class MirrorCommands:
         """The numbers, at the station and on this computer, of the commands that no frame has shown as taken yet."""
         self._taken = 0
         self._answers: list[tuple[float, ClientCommand, dict[str, Any]]] = []
-        """Last answers of commands. Each becomes an event at its time, unless an event of the machine reports the end
-        of the command before."""
+        """Last answers of commands. Each becomes an event at its time, unless an event of the machine has reported the
+        end of the command by then."""
         self._ended: set[int] = set()
         """The commands whose end an event of the machine has reported."""
         self._lease = Lease()

@@ -144,7 +144,7 @@ class WordFrame:
                 raise ValueError(f"{count} words in {len(data)} bytes, for a frame of {self.count} words")
             places = np.frombuffer(data, self._index, indices, at)
             if indices and int(places.max()) >= self.count:
-                raise ValueError(f"there is no word {int(places.max())}: there are only {self.count} words")
+                raise ValueError(f"there is no word {int(places.max())}: a frame has only {self.count} words")
             at += places.nbytes
             words: Words = np.frombuffer(data, np.uint64, count, at)
         except (struct.error, ValueError) as error:
