@@ -96,7 +96,7 @@ def test_advice_is_given_only_for_what_is_not_as_it_should_be(monkeypatch: pytes
     lines = "\n".join(advice(measured([50.0], refusals=(refused,)), bad, cores=1))
     for word in (
         "extension in C",
-        "two writers of one actuator are looked for in 3 of 1,000 periods",
+        "only 3 of 1,000 periods are checked for two writers of one actuator",
         "memlock unlimited",
         "PREEMPT_RT",
         "powersave",

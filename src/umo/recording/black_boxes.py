@@ -28,14 +28,14 @@ FIELDS = ("number", "time", "missed", "began", "wake", "execution", *(name for n
 
 
 class _Window(NamedTuple):
-    """Consecutive frames, as far as a cause is found from them."""
+    """Consecutive frames, with only the fields from which a cause is found."""
 
     first: int
-    """Number of the first one."""
+    """Number of the first frame."""
     frames: Any
 
     def until(self, stop: int) -> _Window:
-        """The last `KEPT_PERIODS` of them before the frame of a number."""
+        """Return the last `KEPT_PERIODS` frames before the frame with the number `stop`."""
         end = min(max(stop - self.first, 0), len(self.frames))
         start = max(end - KEPT_PERIODS, 0)
         return _Window(self.first + start, self.frames[start:end])
@@ -86,7 +86,7 @@ class BlackBoxes:
 
 
 def _reduced(frames: Frames) -> Any:
-    """A copy of these fields alone: of many objects a frame is large."""
+    """Return a copy of frames with only the fields in `FIELDS`, because a frame of many objects is large."""
     reduced = np.empty(len(frames), [(name, frames.dtype[name]) for name in FIELDS])
     for name in FIELDS:
         reduced[name] = frames[name]

@@ -1,9 +1,9 @@
 """Blocks of consecutive frames, with all data that belong to them, as two messages of a recording.
 
-`umo/exact` has the data that replay needs, `umo/columns` all other data. From both messages exactly the same frames are
-restored, except their checksums. Each message begins with the length of a description in 4 bytes, and this description
-in JSON. The columns follow (`umo.recording.column_coding`). Entries of the journal and commands follow the columns of
-`umo/exact`.
+`umo/exact` contains the data that replay needs, `umo/columns` all other data. Both messages together restore exactly
+the same frames, except their checksums. Each message begins with a description in JSON, preceded by the description's
+length in 4 bytes. The columns follow (`umo.recording.column_coding`). Entries of the journal and commands follow the
+columns of `umo/exact`.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Block:
     events_lost: int = 0
     """Number of events up to these frames that were overwritten before they were copied."""
     is_full: bool = True
-    """True if the block has the columns that replay does not need. Otherwise the numbers in these columns are 0 and
+    """True if the block contains the columns that replay does not need. Otherwise the numbers in these columns are 0 or
     NaN."""
 
     @property
@@ -108,7 +108,7 @@ class Block:
 
     def split(self, row: int) -> tuple[Block, Block]:
         """Split into two blocks: the frames before a row, given by its index in this block, and the other frames, each
-        with their data. Data that belong to no frame are in the second block; missing data count in the first block."""
+        with their data. Data that belong to no frame go to the second block; missing data count in the first block."""
         before, rest = self.frames[:row], self.frames[row:]
         moment, stop = float(before["time"][-1]), self.first + row
         entries = int(before["journal"][-1] + before["entries"][-1]) - self._first_entry
@@ -129,7 +129,7 @@ class Block:
 
     @property
     def _first_entry(self) -> int:
-        """The number of the first of its entries in the journal of the run."""
+        """Number of the block's first entry in the journal of the run."""
         end = self.frames[-1]
         return int(end["journal"] + end["entries"]) - len(self.entries)
 
@@ -178,7 +178,7 @@ def columns_message(block: Block, layout: Layout) -> bytes:
 
 
 def _following(layout: Layout, frames: Frames) -> list[int]:
-    """The places of the objects whose values follow from their raws in all of these frames."""
+    """Return the places of the objects whose values follow from their raw integers in all of these frames."""
     if not layout.objects:
         return []
     differ = _values(layout, frames).view("<u8")
@@ -187,8 +187,8 @@ def _following(layout: Layout, frames: Frames) -> list[int]:
 
 
 def _values(layout: Layout, frames: Frames) -> Any:
-    """The values of raws by resolution and zero offset; of a binary object the raw itself. What has neither has a value
-    by chance, if at all."""
+    """Return the values that follow from the raw integers by resolution and zero offset. For a binary object the value
+    is the raw integer. For an object without a resolution the result has no meaning."""
     objects = layout.described.objects
     resolutions = np.array([1.0 if each.resolution is None else float(each.resolution) for each in objects])
     return to_values(frames["raws"], resolutions, np.array([each.zero_offset for each in objects]))

@@ -15,13 +15,13 @@ EXACT, COLUMNS = 1, 2
 """The numbers of these channels. They are the same in every file, because a file's data about channels have no checksum
 until the file is closed."""
 MAX_FIRST = 1 << 62
-"""The limit below which the numbers of all frames are."""
+"""The limit of frame numbers: the number of every frame is below it."""
 REPEATED = "its periods are already in the recording"
 
 
 def in_order(file: McapReader) -> array[int]:
-    """Return the offsets of the chunks in the order of their periods. A file that was not closed may have chunks in any
-    order, or twice. Skipped chunks count as damaged."""
+    """Return the offsets of the chunks in the order of their periods. A file that was not closed may contain chunks in
+    any order, or the same chunk twice. Skipped chunks count as damaged."""
     if file.is_whole:
         return file.chunks
     firsts, offsets = array("q"), array("q")

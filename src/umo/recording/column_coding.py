@@ -35,7 +35,7 @@ def decode(data: memoryview, frames: npt.NDArray[Any], names: Iterable[str]) -> 
 
 
 def _words(column: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """A column as unsigned numbers, a row for each period."""
+    """Return a column as unsigned numbers, with a row for each period."""
     kind = f"u{min(column.dtype.itemsize, 8)}"
     plain = np.ascontiguousarray(column)
     return plain.view(kind).reshape(len(column), -1) if plain.size else np.zeros((len(column), 0), kind)

@@ -27,8 +27,9 @@ Metadata = list[tuple[str, dict[str, str]]]
 
 @contextmanager
 def _new(path: Path, like: McapReader, first: Metadata, last: Callable[[], Metadata]) -> Iterator[McapWriter]:
-    """A new file with schemas and channels of another one, which takes this name when it is complete. `first`: its
-    metadata; `last`: those that are asked for when all is written."""
+    """Return a context with a new file that has the schemas and channels of the file `like`. The new file gets the name
+    `path` when it is complete. `first`: the metadata at its beginning; `last`: function that returns the metadata at
+    its end."""
     hidden = path.with_name(f".{path.name}.{os.getpid()}")
     hidden.unlink(missing_ok=True)
     writer = McapWriter(hidden, first, list(like.schemas.values()), list(like.channels.values()))
@@ -50,7 +51,7 @@ def _metadata(file: McapReader) -> Metadata:
 
 
 class _Joined:
-    """The chunks of files in the order of their periods, each once, and which periods they have."""
+    """The chunks of files in the order of their periods, each once. Also records which periods the chunks contain."""
 
     def __init__(self, files: Sequence[McapReader]) -> None:
         self._files = files
@@ -59,7 +60,7 @@ class _Joined:
         self.time: float | None = None
         """Time of the first frame of the last block, s."""
         self.ended = False
-        """True if the end of the run was seen."""
+        """True if the end of the run was found."""
         self.more_damage: list[str] = []
         """Sentences about damage other than places of the files."""
 
@@ -87,7 +88,8 @@ class _Joined:
         yield from (f"{text} (before it was copied)" for text in file.damaged.sentences(file.path.name, torn))
 
     def _see(self, content: bytes) -> bool:
-        """Take in what the blocks of a chunk say of themselves; false if its periods were there before."""
+        """Record the descriptions of the blocks of a chunk. Return False if an earlier chunk contains the same
+        periods."""
         found = (each.data for each in messages_in(content) if each.channel == EXACT)
         heads = [BlockHead.of(headed(each)[0], 0) for each in found]
         if heads and heads[0].first < self._stop:
@@ -101,8 +103,8 @@ class _Joined:
 
     @property
     def extent(self) -> Extent | None:
-        """Return the extent that the files declare, so that it stays known what is missing; otherwise the extent that
-        was read."""
+        """Return the extent that the files declare, so that the new file shows which periods are missing. If a file
+        declares none, return the extent that was read."""
         told = [Extent.read(file.metadata[EXTENT]) for file in self._files if EXTENT in file.metadata]
         if len(told) < len(self._files) or None in told:
             return self.seen
@@ -168,8 +170,8 @@ def _thinned(file: McapReader, kept: set[int], writer: McapWriter) -> Iterator[P
 
 def repair(path: Path) -> bool:
     """Repair a file that was not closed, or is damaged, so that every reader can read its valid chunks. Return False if
-    the file was complete. It is then not changed. The repaired file is the same part of its recording, and records the
-    damage."""
+    the file was complete; a complete file is not changed. The repaired file is the same part of its recording, and
+    records the damage."""
     file = McapReader(path)
     try:
         if METADATA not in file.metadata:

@@ -1,4 +1,5 @@
-"""The damaged places of a file. Only a limited number is listed, to save memory; further ones are only noted."""
+"""The damaged places of a file. Only a limited number is listed, to save memory; of further places only their existence
+is recorded."""
 
 from __future__ import annotations
 

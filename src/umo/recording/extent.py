@@ -1,5 +1,5 @@
-"""The extent of a file: which periods it has. It is written into the file when the file is closed, so that readers can
-find missing data."""
+"""The extent of a file: the periods that it contains. It is written into the file when the file is closed, so that
+readers can find missing data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ EXTENT = "umo/periods"
 """Name of the metadata record with the extent."""
 
 FOLLOWED = "followed"
-"""Content of the record `EXTENT` if another file follows."""
+"""Key in the record `EXTENT` that is present if another file follows."""
 
 DAMAGE = "umo/damage"
 """Name of the metadata record with sentences about the damage in the files from which this file was made."""

@@ -1,5 +1,5 @@
-"""Folders of flight recorders. Each has the files of one recorder while it runs, and names the process that writes
-them. At any time `save` joins the files into one. The last few folders of killed recorders are kept.
+"""Folders of flight recorders. Each folder contains the files of one recorder while it runs, and names the process that
+writes them. At any time `save` joins the files into one. The last few folders of killed recorders are kept.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class FlightFolder:
 
     @property
     def is_written(self) -> bool:
-        """True if the recorder still lives."""
+        """True if the recorder is still running."""
         pid, process = self.recorder
         return identity(pid) == process
 

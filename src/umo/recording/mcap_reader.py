@@ -32,14 +32,14 @@ MAX_CONTENT = 64 << 20
 MAX_HELD = 32 << 20
 """Largest number of bytes of metadata, schemas and channels together."""
 OVERHEAD = 1 << 10
-"""Number of bytes that each of these is counted as having in addition to its own size."""
+"""Number of bytes that are added to the size of each metadata record, schema and channel when `MAX_HELD` is checked."""
 MAX_CHUNKS = 1_000_000
 MAX_MESSAGES = 100_000
 """Largest number of messages of the wanted channels in a chunk."""
 MAX_WINDOW = 8 << 20
 """Largest number of bytes that a decompressor may keep in memory in addition to its result."""
 PIECE = 1 << 20
-"""Number of bytes of each read by which a long part is read."""
+"""Number of bytes of each read when a long part is read in pieces."""
 SECTOR = 4096
 """Number of bytes of a sector of the disk. If one of its bytes cannot be read, the whole sector cannot."""
 COMPRESSION = b"\x04\0\0\0zstd"
@@ -95,13 +95,13 @@ class McapReader:
         self.damaged = DamagedPlaces()
         """The damage found so far."""
         self.counts: dict[int, int] = {}
-        """The number of messages of each channel, where the file is closed."""
+        """The number of messages of each channel, if the file is closed; otherwise empty."""
         self.end = len(mcap_records.MAGIC)
-        """Offset at which its last sound record ends."""
+        """Offset at which the last undamaged record ends."""
         self._held = 0
         try:
             self.is_whole = self._read_summary()
-            """True if it was closed and its summary is undamaged."""
+            """True if the file was closed and its summary is undamaged."""
         except Unreadable as error:
             self.damaged.add(error.at, str(error))
         if not self.is_whole:
@@ -113,7 +113,7 @@ class McapReader:
     # A closed file -------------------------------------------------------------------------------------
 
     def _read_summary(self) -> bool:
-        """Read what the summary says; false if there is none."""
+        """Read the summary. Return False if there is no valid summary."""
         footer = self.size - mcap_records.FOOTER_BYTES
         if footer < len(mcap_records.MAGIC):
             return False
@@ -139,7 +139,8 @@ class McapReader:
         return True
 
     def _summary(self, start: int, footer: int) -> array[int]:
-        """Read it; the places of the chunks one after the other: a million of them take 40 MB."""
+        """Read the summary between two offsets. Return the places of the chunks as one array of numbers, in which a
+        million chunks take 40 MB."""
         places, most = array("Q"), MAX_CHUNKS * len(ChunkPlace._fields)
         for at, opcode, length in self._records(start, footer):
             if opcode in (Opcode.CHUNK_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS) and length < PIECE:
@@ -167,12 +168,12 @@ class McapReader:
             self.damaged.add(at, f"the metadata {name!r} are damaged: {error}")
 
     def _take(self, place: ChunkPlace) -> None:
-        """Take over a chunk of the summary, if it is there."""
+        """Add a chunk that the summary names. If the file does not contain it, record the damage."""
         try:
             head = self.head(place.at)
             length = head.begin + head.length + mcap_records.HEAD.size
             if (head.first, head.last, head.size, length) != (place.first, place.last, place.size, place.length):
-                raise ValueError("it is not the one that the summary names")
+                raise ValueError("it is not the chunk that the summary names")
         except ValueError as error:
             self.damaged.add(place.at, str(error))
         else:
@@ -181,13 +182,13 @@ class McapReader:
     # A file that is not closed -------------------------------------------------------------------------
 
     def _walk(self) -> None:
-        """Find its records from the beginning on; behind damage the next chunk is looked for."""
+        """Find the records from the beginning of the file on. After a damaged place, search for the next chunk."""
         at = self.end
         while at < self.size:
             if len(self.chunks) >= MAX_CHUNKS:
                 self.damaged.add(at, f"no more than {MAX_CHUNKS:,} chunks are read")
                 return
-            found, why = None, "are no record"
+            found, why = None, "are not a record"
             try:
                 found = next(self._records(at, self.size), None)
                 is_known = found is not None and self._is_known(*found)
@@ -206,7 +207,7 @@ class McapReader:
             self.end = at
 
     def _is_known(self, at: int, opcode: int, length: int) -> bool:
-        """Take over a record; false if it is none that a recording has. Unreadable."""
+        """Keep a record, or the place of a chunk. Return False if a recording has no such record. Raises Unreadable."""
         try:
             if opcode == Opcode.CHUNK:
                 self.head(at)
@@ -222,7 +223,8 @@ class McapReader:
         return opcode in (*HELD, Opcode.CHUNK, Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.DATA_END, Opcode.FOOTER)
 
     def _is_message_index(self, at: int, length: int) -> bool:
-        """True if its length is that of its rows: else a chunk may lie in what it says that it is."""
+        """True if the length of a message index matches its rows. Otherwise its length is damaged, and a chunk may lie
+        within that length."""
         head = self._at(at + mcap_records.HEAD.size, mcap_records.MESSAGE_INDEX.size)
         if len(head) < mcap_records.MESSAGE_INDEX.size:
             return False
@@ -230,7 +232,8 @@ class McapReader:
         return bool(rows % mcap_records.INDEXED.size == 0 and mcap_records.MESSAGE_INDEX.size + rows == length)
 
     def _next_chunk(self, at: int) -> int:
-        """Offset of the next chunk from an offset on; the end of the file: there is none."""
+        """Return the offset of the next chunk from an offset on, or the end of the file if there is no further
+        chunk."""
         back = mcap_records.HEAD.size + 28
         length = SECTOR
         while at < self.size:
@@ -249,7 +252,8 @@ class McapReader:
     # Reading -------------------------------------------------------------------------------------------
 
     def _at(self, at: int, length: int) -> bytes:
-        """Return the bytes at an offset that are in the file. Unreadable if there are none."""
+        """Return the bytes at an offset, as far as the file contains them. Raises Unreadable if the disk cannot read
+        them."""
         if self._file < 0:
             raise FramesError(f"{self.path} was closed")
         end, data = min(at + length, self.size), b""
@@ -266,14 +270,16 @@ class McapReader:
         return data
 
     def _readable(self, at: int, length: int) -> bytes:
-        """Bytes at an offset, of which more cannot be read those of its sector alone; none if it cannot be read."""
+        """Return the bytes at an offset. If not all of them can be read, return only those in the same sector, or no
+        bytes if that sector cannot be read either."""
         for most in (length, SECTOR - at % SECTOR):
             with suppress(Unreadable):
                 return self._at(at, most)
         return b""
 
     def _records(self, at: int, end: int) -> Iterator[tuple[int, int, int]]:
-        """Offset, opcode and length of body of the records up to an offset, as far as they are there as a whole."""
+        """Yield offset, opcode and length of the body of each record up to the offset `end`. Stop at the first
+        incomplete record."""
         while at + mcap_records.HEAD.size <= end:
             head = self._at(at, mcap_records.HEAD.size)
             if len(head) < mcap_records.HEAD.size:
@@ -285,8 +291,8 @@ class McapReader:
             at += mcap_records.HEAD.size + length
 
     def _hold(self, at: int, opcode: int, length: int) -> None:
-        """Keep metadata, a schema or a channel. Raises ValueError if it is malformed, FramesError if there is too
-        much."""
+        """Keep metadata, a schema or a channel. Raises ValueError if it is malformed, and FramesError if they take more
+        than `MAX_HELD` bytes together."""
         self._held += length + OVERHEAD
         if self._held > MAX_HELD:
             raise FramesError(f"{self.path}: its descriptions have more than {MAX_HELD >> 20} MB")
@@ -370,7 +376,7 @@ class McapReader:
 
 
 def _opened(path: Path) -> int:
-    """A descriptor of a file. Raises FramesError if it cannot be opened, or is not a file."""
+    """Open a file, and return its descriptor. Raises FramesError if it cannot be opened, or is not a regular file."""
     try:
         try:
             file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)

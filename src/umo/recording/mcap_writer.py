@@ -130,7 +130,7 @@ class McapWriter:
         self._counts, self._span = counts, span
 
     def _append(self, data: bytes, end: bytes = b"") -> None:
-        """Append data, and `end` behind them. If they fit only in part, they are removed again."""
+        """Append data, and `end` after them. If the disk has room for only a part, this part is removed again."""
         view, at = memoryview(data + end), self.end
         try:
             while view:
@@ -158,13 +158,13 @@ class McapWriter:
             self._release()
 
     def _release(self) -> None:
-        """Close the descriptor, whose number is that of another file afterwards."""
+        """Close the descriptor, and forget its number, because another file may get the same number afterwards."""
         file, self._file = self._file, -1
         if file >= 0:
             os.close(file)
 
     def discard(self) -> None:
-        """Give up the file."""
+        """Close the file without completing it."""
         self._release()
         self.path.unlink(missing_ok=True)
 
@@ -209,7 +209,8 @@ def repacked(record: bytes, content: bytes) -> PackedChunk:
 
 
 def _laid(chunk: PackedChunk, at: int) -> tuple[ChunkIndex, bytes]:
-    """The index of a chunk that comes to lie at this offset, and its bytes with its message indexes."""
+    """Return the index of a chunk that will be written at this offset, and the chunk's bytes with its message
+    indexes."""
     data, places = bytearray(chunk.record), {}
     for channel, rows in chunk.rows.items():
         places[channel] = at + len(data)

@@ -63,7 +63,7 @@ def _leaf(column: str, place: int, value: Described) -> Leaf:
 
 @dataclass(frozen=True, eq=False)
 class EvenRun:
-    """Numbers of one kind at even distances in a frame, and in a message, so that numpy copies them in one
+    """Numbers of one kind at even distances, both in a frame and in a message, so that numpy copies them in one
     operation."""
 
     column: str
@@ -85,7 +85,7 @@ def _runs(leaves: Sequence[tuple[str, Leaf]]) -> list[EvenRun]:
 
 
 def _even(leaves: Sequence[Leaf]) -> Iterator[list[Leaf]]:
-    """The leaves in parts in which they lie at even distances."""
+    """Yield the leaves in groups, so that the leaves of each group lie at even distances."""
     part: list[Leaf] = []
     for leaf in leaves:
         far = len(part) > 1 and (leaf.place - part[-1].place, leaf.at - part[-1].at) != (
@@ -124,7 +124,8 @@ class MessageTree:
         return bytes(pb.FileDescriptorSet(file=[self._file]).SerializeToString())
 
     def _declare(self, part: _Part, name: str, is_root: bool = False) -> str:
-        """The name of the type of a part; of parts that are alike the first one's."""
+        """Declare the type of a part, and return its name. Parts with the same content share the type of the first of
+        them."""
         message = pb.DescriptorProto()
         for number, (field_name, each) in enumerate(part.names.items(), 1):
             message.field.append(self._field(name, number, field_name, each))
@@ -146,7 +147,8 @@ class MessageTree:
         return made
 
     def _enum(self, name: str, states: Mapping[int, str]) -> str:
-        """The name of a message that has this enum: names of states are free in it."""
+        """Declare the enum of some states, and return its name. It lies within a separate message, so that the names of
+        its states cannot collide with other names."""
         names: dict[int, str] = {}
         for number, text in states.items():
             names[number] = _free(_name(text), names.values())
@@ -161,7 +163,7 @@ class MessageTree:
         return f"{self._types[key]}.State"
 
     def _fill(self, part: _Part, at: int) -> bytes:
-        """Return the bytes of a part, which begin at this offset, and note the places of its numbers."""
+        """Return the bytes of a part, which begin at this offset, and store the offset of each of its numbers."""
         data = bytearray()
         for number, each in enumerate(part.names.values(), 1):
             if isinstance(each, _Part):
@@ -186,13 +188,14 @@ def _insert(part: _Part, names: Sequence[str], leaf: Leaf) -> None:
 
 
 def _name(text: str) -> str:
-    """A name that protobuf takes."""
+    """Return a text as a name that protobuf accepts."""
     name = re.sub(r"\W", "_", text, flags=re.ASCII) or "_"
     return f"_{name}" if name[0].isdigit() else name
 
 
 def _type_name(name: str, parent: str) -> str:
-    """The name of the type of a field; of a number in a list after that of the list."""
+    """Return the name of the type of a field. If the field is an entry of a list with a number as its name, the type is
+    named after the list."""
     text = name.title().replace("_", "")
     return text if text[:1].isalpha() and text.isascii() else f"{parent}Each"
 

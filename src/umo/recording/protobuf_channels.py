@@ -56,7 +56,8 @@ class ProtobufChannels:
     messages."""
 
     def __init__(self, layout: Layout, rate: float = inf) -> None:
-        """`rate`: messages of the machine per second of its time, and as many again if states change in between."""
+        """`rate`: number of messages of the machine per second of its time. Changes of states can add up to as many
+        further messages."""
         self._stride = max(round(1 / (rate * (layout.about.get("period") or 1.0))), 1)
         leaves = leaves_of(layout)
         self._tree = MessageTree(leaves)
@@ -97,7 +98,7 @@ class ProtobufChannels:
         return [self._machine(block, times), *(_few(channel, each) for channel, each in parts if each)]
 
     def _machine(self, block: Block, times: npt.NDArray[np.int64]) -> Messages:
-        """The values of the periods that get a message."""
+        """Return the messages with the values of the machine, for the periods that get a message."""
         frames, runs = block.frames, self._tree.runs
         states = {run: _states(frames[run.column][:, run.places], run) for run in runs if run.states}
         told = self._told(block, list(states.values()))
@@ -116,8 +117,8 @@ class ProtobufChannels:
         return Messages(MACHINE, rows.data, index.tobytes(), count, int(times.min()), int(times.max()))
 
     def _told(self, block: Block, states: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.int64]:
-        """The places of the frames of which there is a message: evenly, the first change of a state between two of
-        these, and the first of the block."""
+        """Return the places of the frames that get a message: frames at even distances, the first change of a state
+        between two of these, and the first frame of the block."""
         numbers = block.first + np.arange(len(block.frames))
         wanted = numbers % self._stride == 0
         wanted[0] = True
@@ -134,7 +135,7 @@ class ProtobufChannels:
         return bytes(self._kinds["Event"](**told).SerializeToString())
 
     def _command(self, command: TakenCommand) -> bytes:
-        """Return a command as it came, without the key of the lease."""
+        """Return a command as it was received, but without the key of the lease."""
         try:
             told = dict(json.loads(command.data))
             told.pop("key", None)
@@ -149,7 +150,7 @@ class ProtobufChannels:
         return bytes(self._kinds["BlackBox"](**box._asdict()).SerializeToString())
 
     def _new_progress(self, block: Block, times: npt.NDArray[np.int64]) -> list[tuple[int, bytes]]:
-        """The progress wherever it has changed."""
+        """Return a message, with its time, for each change of the progress."""
         frames, new = block.frames, []
         steps = [frames[name][1:] != frames[name][:-1] for name in ("progress", "done", "total")]
         for row in [0, *(np.flatnonzero(np.logical_or.reduce(steps)) + 1).tolist()]:
@@ -162,7 +163,7 @@ class ProtobufChannels:
 
 
 def _states(values: npt.NDArray[Any], run: EvenRun) -> npt.NDArray[np.uint8]:
-    """The numbers of states; of what is none UNKNOWN."""
+    """Return the numbers of states, with UNKNOWN for a value that is not a state."""
     if values.dtype == np.uint8:
         return values
     found = np.full(values.shape, UNKNOWN, np.uint8)
@@ -172,7 +173,7 @@ def _states(values: npt.NDArray[Any], run: EvenRun) -> npt.NDArray[np.uint8]:
 
 
 def _template(tree: MessageTree) -> npt.NDArray[np.uint8]:
-    """A whole record as bytes: numpy would leave out what is not a field."""
+    """Return a whole record as bytes. They are needed because numpy would not copy bytes that belong to no field."""
     data = HEAD.pack(Opcode.MESSAGE, MESSAGE.size + len(tree.template))
     data += MESSAGE.pack(MACHINE, 0, 0, 0) + tree.template
     return np.frombuffer(data, np.uint8)

@@ -36,8 +36,8 @@ class RecordSettings:
     """Size of the files that keep all data. Older files keep only the data that replay needs. None means that all files
     keep all data."""
     rate: Annotated[float, a_number(0.01, 1e6, "a number of messages a second")] = RATE
-    """Number of messages of the machine per second for Foxglove and other tools, and as many again if states change in
-    between. The data that umo itself reads contain every period."""
+    """Number of messages of the machine per second for Foxglove and other tools. Changes of states can add up to as
+    many further messages. The data that umo itself reads contain every period."""
 
     @property
     def plain(self) -> dict[str, Any]:

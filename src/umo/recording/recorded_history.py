@@ -49,7 +49,7 @@ class RecordedHistory(ValueHistory):
         self._parts = _parts(recording.chunks, self._columns)
         self._starts: list[float] = []
         self._numbers: list[int] = []
-        """The numbers of the chunks that have frames; and the time at which each begins, in s."""
+        """The numbers of the chunks that have frames. `_starts`: the time in s at which each of them begins."""
         self._counts: list[int] = []
         self._end = 0.0
         self._read: OrderedDict[int, Chunk] = OrderedDict()
@@ -61,7 +61,8 @@ class RecordedHistory(ValueHistory):
     def _seen(
         self, number: int, seen: Callable[[Block], None], tell: Callable[[float], None]
     ) -> Iterator[tuple[float, FloatArray, FloatArray]]:
-        """The points of the overview of a chunk: a time, the least and the greatest values."""
+        """Yield the points of the overview of a chunk: a time, and the smallest and the largest value of each
+        column."""
         blocks = self._recording.chunk(number)
         frames = _joined(blocks)
         tell((number + 1) / self._recording.chunks)
@@ -138,7 +139,7 @@ class RecordedHistory(ValueHistory):
 
 
 def _parts(chunks: int, columns: int) -> int:
-    """Points of the overview for a chunk."""
+    """Return the number of points of the overview for each chunk."""
     return min(max(OVERVIEW_BYTES // max(16 * chunks * columns, 1), 1), MAX_PARTS)
 
 
@@ -151,7 +152,8 @@ def _rows(parts: Sequence[FloatArray], columns: int) -> FloatArray:
 
 
 def _joined(blocks: Sequence[Block]) -> Any:
-    """The frames of some blocks, of their own type: numpy would pack their fields together."""
+    """Return the frames of some blocks in their original dtype. `numpy.concatenate` would remove the gaps between the
+    fields."""
     if len(blocks) == 1:
         return blocks[0].frames
     if not blocks:

@@ -66,7 +66,7 @@ class Recorder:
         """Number of frames that were overwritten before they were read."""
         self.entries_lost = self.commands_lost = self.events_lost = 0
         self.end: NumberedEvent | None = None
-        """The last event of the run, when it exists."""
+        """The last event of the run, or None if it has not been read yet."""
         self._period, slots = float(reader.about.get("period") or 0.001), reader.slots
         share = SHARE_OF_RING * slots * self._period
         self.pause: float = min(max(share, SHORTEST_PAUSE), LONGEST_PAUSE)
@@ -98,19 +98,20 @@ class Recorder:
             self._write(self._taken())
 
     def _is_due(self, now: float) -> bool:
-        """True if a whole second is ready, which is a chunk; in virtual time many come between two looks."""
+        """True if it is time to write. With a thread, that is when a whole second of frames, which becomes a chunk, is
+        ready."""
         if self._thread is None:
             return now >= self._next_write
         return self._seconds_of(self._pending) >= 1 or now >= self._next_write + WRITE_PAUSE
 
     def _seconds_of(self, blocks: Sequence[Block]) -> int:
-        """Whole seconds of the run's time that these have."""
+        """Return the number of whole seconds of the run's time that blocks contain."""
         span = float(blocks[-1].frames["time"][-1] - blocks[0].frames["time"][0])
         return int((span + self._period / 2) // CHUNK_TIME)
 
     def _taken(self) -> list[Block]:
-        """The part of the pending blocks to write: whole seconds if there are any. Something always remains, because
-        events after the last frame belong to it."""
+        """Remove from the pending blocks those to write now, and return them: whole seconds if there are any. At least
+        one block always remains, because events after the last frame are added to it."""
         blocks, taken = self._pending, list[Block]()
         seconds = 0 if self._thread is None else self._seconds_of(blocks)
         if seconds < 1:
@@ -129,7 +130,8 @@ class Recorder:
         return taken
 
     def _is_free(self, size: int) -> bool:
-        """True if the last write has ended; it is waited for if too much is held. Raises OSError if it failed."""
+        """True if the last write has ended. If `MAX_WAITING` bytes are held, wait for its end. Raises OSError if the
+        write failed."""
         if self._writing is not None and (self._writing.done() or size >= MAX_WAITING):
             self._settle()
         return self._writing is None
@@ -179,7 +181,8 @@ class Recorder:
         return events
 
     def _write(self, blocks: list[Block], end: str = "") -> None:
-        """`end`: why the run, which ends with these, has failed."""
+        """Write blocks, in the thread if there is one. `end`: the reason why the run failed, if these are its last
+        blocks; otherwise ""."""
         if not blocks:
             return
         if self._thread is None:

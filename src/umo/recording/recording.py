@@ -30,7 +30,7 @@ from umo.text import in_brackets
 
 FORMAT = "2"
 """Version of the messages of umo in a file. Files of version 1 (umo 0.2) can be read. Their description has no
-checksum, and they do not state the periods that they contain."""
+checksum, and these files do not state which periods they contain."""
 OLD_FORMAT = "1"
 METADATA = "umo"
 """Name of the metadata record that describes a file."""
@@ -54,7 +54,7 @@ class LostFrames:
 
 
 class _Place(NamedTuple):
-    """The place of a chunk."""
+    """The place of a chunk: its file, and its offset in the file."""
 
     file: McapReader
     at: int
@@ -78,7 +78,7 @@ class _Places(Sequence[_Place]):
         return _Place(self._files[self._file_of[number]], self._offsets[number])
 
     def starting(self, number: int) -> Iterator[_Place]:
-        """The places from a number on."""
+        """Yield the places from a number on."""
         return (self[each] for each in range(number, len(self)))
 
 
@@ -93,7 +93,7 @@ class Recording:
     """
 
     def __init__(self, path: Path | str, *, later: bool = True) -> None:
-        """`later`: whether to include the files that follow this one by rotation."""
+        """`later`: True if the later files of a rotated recording are included."""
         self.path, self._later = Path(path), later
         self._files = [McapReader(self.path)]
         self._unread: list[str] = []
@@ -108,7 +108,8 @@ class Recording:
         self._chunks = _Places(self._files)
 
     def _add(self, path: Path) -> None:
-        """Add a later part, if it is of the same run. One that was cut in its first write has nothing."""
+        """Add a later part, if it belongs to the same run. A part that was truncated in its first write contains
+        nothing and is not added."""
         try:
             file = McapReader(path)
         except FramesError as error:
@@ -212,9 +213,10 @@ class Recording:
     # What is in it -------------------------------------------------------------------------------------
 
     def blocks(self, start: float | None = None, stop: float | None = None, *, full: bool = True) -> Iterator[Block]:
-        """Yield in order the blocks with frames from `start` to before `stop`, in s on the cycle's clock. Each has at
-        most one second of the run. With `full` the blocks have also the columns that replay does not need. A damaged
-        chunk is skipped. Its frames count as lost in the following block (`damage`, `lost_at_end`)."""
+        """Yield, in order, the blocks with frames from `start` up to but not including `stop`, in s on the cycle's
+        clock. Each has at most one second of the run. With `full` the blocks also contain the columns that replay does
+        not need. A damaged chunk is skipped. Its frames count as lost in the following block (`damage`,
+        `lost_at_end`)."""
         expected: int | None = None
         for place in self._chunks.starting(self._before(start)):
             for exact, columns in self._pairs(place):
@@ -232,7 +234,7 @@ class Recording:
                     yield block
 
     def frames(self, start: float | None = None, stop: float | None = None) -> Frames:
-        """Return the frames with times from `start` to before `stop`, in s on the cycle's clock."""
+        """Return the frames with times from `start` up to but not including `stop`, in s on the cycle's clock."""
         parts = [block.frames for block in self.blocks(start, stop)]
         if not parts:
             return np.zeros(0, self.layout.dtype)
@@ -375,7 +377,7 @@ class Recording:
         return scan
 
     def _heads(self) -> Iterator[BlockHead]:
-        """The heads of all blocks, without their columns."""
+        """Yield the heads of all blocks, without their columns."""
         return (head for _, head in self._placed_heads())
 
     def _placed_heads(self) -> Iterator[tuple[_Place, BlockHead]]:
@@ -392,7 +394,7 @@ class Recording:
                 yield place, head
 
     def _pairs(self, place: _Place) -> Iterator[tuple[memoryview, memoryview | None]]:
-        """The two messages of each block of a chunk; none if it is damaged."""
+        """Yield the two messages of each block of a chunk; nothing if the chunk is damaged."""
         try:
             found = place.file.messages(place.at, (EXACT, COLUMNS))
         except ValueError as error:
@@ -404,13 +406,14 @@ class Recording:
                 yield message.data, rest.get(message.sequence)
 
     def _before(self, start: float | None) -> int:
-        """The number of the last chunk that begins before a time."""
+        """Return the number of the last chunk that begins before a time."""
         if start is None:
             return 0
         return max(bisect_left(range(len(self._chunks)), start, key=self._time) - 1, 0)
 
     def _time(self, number: int) -> float:
-        """The time at which a chunk begins; of a damaged one that of the next."""
+        """Return the time at which a chunk begins. For a damaged chunk, return the time at which the next undamaged
+        chunk begins."""
         for place in self._chunks.starting(number):
             for exact, _ in self._pairs(place):
                 return float(headed(exact)[0]["time"])
@@ -431,7 +434,7 @@ class Recording:
 
 @contextmanager
 def _told_as_damaged(file: McapReader) -> Iterator[None]:
-    """Raise FramesError if the description of a block is malformed."""
+    """Return a context that raises FramesError if the description of a block is malformed."""
     try:
         yield
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError) as error:
@@ -472,7 +475,7 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
 
 
 def _checksum(texts: Mapping[str, str]) -> str:
-    """CRC-32 of the metadata of a file, in hex."""
+    """Return the CRC-32 of the metadata of a file, in hexadecimal digits."""
     told = "\0".join(f"{name}\0{texts[name]}" for name in sorted(texts) if name != "checksum")
     return f"{zlib.crc32(told.encode()):08x}"
 

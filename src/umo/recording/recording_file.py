@@ -21,7 +21,8 @@ from umo.recording.recording import COLUMNS_TOPIC, EXACT_TOPIC, METADATA, descri
 
 Times = npt.NDArray[np.int64]
 CHUNK_TIME, CHUNK_BYTES = 1.0, 1 << 20
-"""Largest span in s on the machine's clock, and largest number of bytes, that one damaged place can destroy."""
+"""Largest span of a chunk in s on the machine's clock, and largest number of its bytes. One damaged place can destroy
+at most one chunk."""
 ENCODING = "umo"
 """Encoding of the messages (`umo.recording.block`)."""
 
@@ -71,7 +72,8 @@ class RecordingFile:
         self._sequence = 0
         self._extent: Extent | None = None
         self._longest = CHUNK_TIME - float(layout.about.get("period") or 0.001) / 2
-        """s from the first period of a chunk to its last one, at most: less where more would be too large."""
+        """Largest time in s from the first period of a chunk to its last one. It is reduced if a chunk would have too
+        many bytes."""
         self.path = path
 
     @property
@@ -92,7 +94,7 @@ class RecordingFile:
             self._extent = Extent.of(block).after(self._extent)
 
     def _groups(self, blocks: Sequence[Block]) -> Iterator[list[Block]]:
-        """The blocks, split where they are too long, in groups of which each is a chunk."""
+        """Yield groups of blocks, each of which becomes a chunk. Blocks that are too long are split."""
         group: list[Block] = []
         for block in blocks:
             rest: Block | None = block
@@ -106,7 +108,7 @@ class RecordingFile:
             yield group
 
     def _packed(self, group: list[Block]) -> list[PackedChunk]:
-        """A group as a chunk, as several where that is too large."""
+        """Return a group of blocks as one chunk, or as several chunks if one would be too large."""
         others = copy(self._others)  # it knows what was told last
         chunk = self._writer.pack(self._messages(group, others))
         if chunk.compressed > CHUNK_BYTES and (len(group) > 1 or len(group[0].frames) > 1):
@@ -139,8 +141,8 @@ class RecordingFile:
 
 
 def _within(block: Block, longest: float) -> tuple[Block, Block | None]:
-    """The beginning of a block, with this time in s from its first period to its last one at most, or one period, and
-    the rest of it."""
+    """Divide a block. The first part spans at most `longest` s from its first period to its last one, but has at least
+    one period. The second part is the rest, or None if there is none."""
     times = block.frames["time"]
     row = int(np.searchsorted(times, times[0] + longest, side="right"))
     row = max(row, 1)
@@ -152,7 +154,7 @@ def _alone(block: Block) -> list[Block]:
 
 
 class _Collected:
-    """Messages of one channel."""
+    """Collects messages of one channel."""
 
     def __init__(self, channel: int) -> None:
         self._channel = channel

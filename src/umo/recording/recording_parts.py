@@ -25,7 +25,7 @@ class _Part:
     path: Path
     size: int
     end: float
-    """The time of its last frame, s on the cycle's clock."""
+    """The time of the last frame of the part, in s on the cycle's clock."""
     is_thin: bool = False
 
 
@@ -41,7 +41,7 @@ class RecordingParts:
         settings: RecordSettings = DEFAULT,
     ) -> None:
         self.path, self.failed = path, ""
-        """`failed`: why an older part has more data than it should."""
+        """`failed`: the reason why an older part could not be reduced; "" if there is none."""
         self._layout, self._others, self._settings = layout, others, settings
         part = settings.rotate if settings.last is None else settings.last / PARTS_OF_LAST
         self._rotate_time = min(part, settings.rotate)
@@ -71,15 +71,16 @@ class RecordingParts:
             self._make_thin()
 
     def _rotate(self) -> None:
-        """Begin the next file. OSError, too, where the end of the last one finds no room: the next one is there, and is
-        closed as any other."""
+        """Begin the next file. Raises OSError if the disk has no room for the new file, or for the end of the last
+        file. In the latter case the new file exists, and is closed like any other."""
         number, last = len(self._parts) + 2, self._file
         self._file = RecordingFile(part_name(self.path, number), self._layout, self._others, part=number)
         self._parts.append(_Part(last.path, last.size, self._time))
         last.close(followed=True)
 
     def _make_thin(self) -> None:
-        """Reduce the oldest full part if there are too many, in a thread, while frames continue."""
+        """If the full parts are too old or too large together, reduce the oldest of them in a thread. Meanwhile the
+        recording continues."""
         full = [part for part in self._parts if not part.is_thin]
         if not full:
             return

@@ -19,7 +19,7 @@ from umo.recording.scope.history import last_good
 
 
 class _Before(NamedTuple):
-    """The data of a run beside its frames, at the first frame of a block."""
+    """The data of a run that are not in its frames, at the first frame of a block."""
 
     first: int
     """The number of the frame."""
@@ -28,12 +28,12 @@ class _Before(NamedTuple):
     lease: int
     tunables: list[float]
     missed: int
-    """Periods that were missed before it."""
+    """Number of periods that were missed before this frame."""
     good: FloatArray
-    """The time in s at which each object was read last; NaN: never."""
+    """The time in s at which each object was last read; NaN if it was never read."""
 
     def own(self, frames: Frames) -> Frames:
-        """The frames of the block among these, which are of one chunk."""
+        """Return those of the frames of a chunk that belong to this block or to later ones."""
         return frames[max(self.first - number_of(frames), 0) :]
 
 
@@ -47,9 +47,9 @@ class RecordingReader(ShownRun):
         self._recording = recording
         self._blocks: list[_Before] = []
         self._next = _Before(0, None, "", 0, [0.0] * tunables, 0, np.full(objects, np.nan))
-        """The data after the blocks so far."""
+        """The data after the blocks that were added so far."""
         self.good = self._next.good
-        """The time in s at which each object was read last, at the shown frame; NaN if never."""
+        """The time in s, as known at the shown frame, at which each object was last read; NaN if it was never read."""
 
     def add(self, block: Block) -> None:
         before, frames, live = self._next, block.frames, block.live
@@ -83,7 +83,7 @@ class RecordingReader(ShownRun):
 
 
 def number_of(frames: Frames) -> int:
-    """Return the number of the first one of some frames."""
+    """Return the number of the first of these frames."""
     return int(frames["sequence"][0]) // 2 - 1
 
 

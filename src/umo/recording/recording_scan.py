@@ -21,7 +21,7 @@ MAX_KEPT = 32 << 20
 """Approximate bytes of events, and of black boxes, that are kept in memory. Beyond them events are read again, and only
 the last black boxes are kept."""
 OVERHEAD = 1 << 10
-"""Number of bytes that each event or black box is counted as having in addition to its strings."""
+"""Number of bytes that are added to the size of the strings of each event or black box when `MAX_KEPT` is checked."""
 
 
 class BlockHead(NamedTuple):
@@ -79,7 +79,7 @@ class RecordingScan:
     events_lost: int = 0
     """Number of events that were overwritten before they were recorded."""
     end: NumberedEvent | None = None
-    """The last event: that of the end of the run."""
+    """The last event, which reports the end of the run."""
     kept_events: list[NumberedEvent] | None = field(default_factory=list)
     """The events, or None if there are too many to be kept in memory."""
     boxes: int = 0
@@ -145,5 +145,6 @@ class RecordingScan:
 
 
 def _size(*texts: object) -> int:
-    """Return the approximate memory of an object with these texts in bytes. A malformed one may have others."""
+    """Return the approximate memory in bytes of an object with these texts. In a malformed object they may be other
+    values than texts."""
     return OVERHEAD + sum(getsizeof(each) for each in texts)

@@ -17,8 +17,8 @@ from umo.process.frames.run_reader import Frames, NumberedEvent
 from umo.recording.block import Block, TakenCommand
 
 MAX_ENTRIES = 1 << 16
-"""Largest number of entries of a frame's journal that are read. The limit protects against a damaged frame that
-announces more."""
+"""Largest number of entries of a frame's journal that are read. The limit protects against a damaged frame that states
+a larger number of entries."""
 
 
 class Collector:
@@ -37,7 +37,7 @@ class Collector:
         self._taken: int | None = None
         """Number of the last command whose period is known; None before the first frame."""
         self._stop: int | None = None
-        """Number of the frame that follows the last one; None before the first."""
+        """Number of the frame that follows the last read one; None before the first frame."""
         self._events: list[NumberedEvent] = []
         """The events that were copied, and belong to no block yet."""
         self._event = 0
@@ -102,7 +102,7 @@ class Collector:
         return entries, there - int(frames["journal"][0])
 
     def _live(self) -> dict[str, Any]:
-        """Mode, holder of the lease; tunable numbers if they have changed."""
+        """Return the mode, the holder of the lease, and, if they have changed, the tunable numbers."""
         now, tunables = self._reader.now(), self._reader.tunables()
         live: dict[str, Any] = {"mode": None if now.mode is None else int(now.mode), "holder": now.holder}
         digest = zlib.crc32(np.array(list(tunables.values())).tobytes())
@@ -131,7 +131,8 @@ class Collector:
         self._seen = head
 
     def _commands(self, frames: Frames, first: int, lost: int) -> tuple[list[TakenCommand], int]:
-        """The commands that were taken in these periods, and how many of them were written over before."""
+        """Return the commands that were taken in these periods, and the number of those that were overwritten before
+        they were copied."""
         taken = frames["taken"]
         before = self._taken
         if before is None:

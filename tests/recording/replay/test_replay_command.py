@@ -39,7 +39,7 @@ def test_a_recording_is_identical(umo: Umo, conveyor: Path) -> None:
     result = umo("recording", "replay", str(conveyor))
     assert result.exit_code == 0, result.output
     assert result.stdout.startswith("identical: 3,7") and "commanded raw integers" in result.stdout
-    assert "the recorded run ended by: the application has ended" in result.stdout
+    assert "end of the recorded run: the application has ended" in result.stdout
 
 
 def test_other_control_code_differs_at_a_period_an_object_and_a_line(umo: Umo, conveyor: Path, tmp_path: Path) -> None:

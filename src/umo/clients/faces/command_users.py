@@ -14,10 +14,10 @@ from umo.text import printable
 MAX_FACE = 20
 """Largest number of characters of a face's name that are reported. The limit leaves room for the name of the user."""
 PATH = "path"
-"""The name of the path among the arguments of a verb."""
+"""Name of the field that contains the path, in the JSON arguments of a verb."""
 REFUSAL_PAUSE = 10.0
-"""Time in s from one event that reports a refusal of a user to the next, so that a flood of refusals does not displace
-other events."""
+"""Shortest time in s between two events that report refusals of the same user. The pause prevents a flood of refusals
+from displacing other events."""
 MAX_REFUSED = 16
 """Largest number of users whose refusals are reported within `REFUSAL_PAUSE`."""
 
@@ -28,7 +28,7 @@ def named(user: User, face: str) -> str:
 
 
 def lives(user: User) -> bool:
-    """True if the session of a user's client lives, as far as the protocol reports."""
+    """True if the session of a user's client is alive, or if the protocol does not report that."""
     return user.is_alive is None or user.is_alive()
 
 

@@ -105,7 +105,7 @@ class Face(ABC):
 
     @abstractmethod
     async def frames(self, changes: Changes) -> None:
-        """Called with the changes since the last call. The first call of a run has all values."""
+        """Called with the changes since the last call. The first call of a run contains all values."""
 
     async def events(self, events: Sequence[NumberedEvent]) -> None:
         """Called with new events, oldest first. By default they are ignored."""

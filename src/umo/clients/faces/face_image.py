@@ -57,7 +57,7 @@ class FaceImage:
         return True
 
     def _others(self, last: Any, frames: Any) -> Any:
-        """Tunable numbers, states, the run."""
+        """Return the values of tunable numbers, of states, and of the run."""
         now, wakes = self._reader.now(), frames["wake"]
         run = {
             "mode": -1 if now.mode is None else int(now.mode),
@@ -70,8 +70,8 @@ class FaceImage:
         return np.concatenate((list(self._reader.tunables().values()), *states, [run[name] for name in RUN_ITEMS]))
 
     def _date(self, frames: Any) -> None:
-        """Record when the device gave each value; for one that is STALE or BAD the time of the last frame in which it
-        was not."""
+        """Record when the device returned each value. For a value that is STALE or BAD, this is the time of the last
+        frame in which it was neither."""
         self.times[self._objects :] = self.utc
         found = last_good(frames, np.full(self._objects, np.nan))
         read = ~np.isnan(found)
@@ -90,8 +90,8 @@ class ChangeFilter:
     """
 
     def __init__(self, image: FaceImage, machine: Declaration, dead_bands: Mapping[str, float] = NO_BANDS) -> None:
-        """`dead_bands`: by path or pattern, in the unit of the item. Raises OptionError, PathError for one that names
-        nothing."""
+        """`dead_bands`: dead bands by path or pattern, in the unit of the item. Raises OptionError or PathError for a
+        path or pattern that matches no number."""
         count = len(machine.items)
         self._image = image
         self._values, self._quality = np.full(count, np.nan), np.full(count, NO_QUALITY, np.uint8)

@@ -1,5 +1,5 @@
-"""The users of faces whose protocol proves who they are. One file of the user who runs the faces has their passwords
-and certificates.
+"""The users of faces whose protocol proves who they are. One file of the user who runs the faces contains their
+passwords and certificates.
 
     # ~/.config/umo/face_users.toml
     [passwords]
@@ -8,7 +8,7 @@ and certificates.
     [certificates]
     bob = "5f3a...c1"                          # SHA-256 of the certificate, as openssl x509 -fingerprint prints it
 
-The file of roles says what they may do (`umo.operation.commands.roles`). A file that cannot be read lets nobody in.
+The file of roles says what they may do (`umo.operation.commands.roles`). If the file cannot be read, nobody can log in.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class Gateway:
         self._session = LoopSession(reader.again())
         self._face, self._looked, self._is_reader, self._roles = face, looked, is_reader, roles
         self._known: Roles | None = None
-        """The roles of this turn of the loop."""
+        """The roles that were read in this turn of the loop; None if they have not been read yet."""
         self._taking = asyncio.Lock()
         self._pending: Counter[str] = Counter()
         """Number of commands of each user whose end is still to come."""
@@ -116,8 +116,8 @@ class Gateway:
         return None
 
     def _roles_now(self) -> Roles:
-        """The roles as the file has them. It is read once in a turn of the loop: a request may ask for the rights to
-        thousands of things."""
+        """Return the roles in the file. The file is read only once in a turn of the loop, because one request can ask
+        for the rights to thousands of objects."""
         if self._known is None:
             self._known = self._roles()
             asyncio.get_running_loop().call_soon(self._forget_roles)
@@ -134,7 +134,7 @@ class Gateway:
     async def _carry_out(
         self, asked: PendingCommand, user: User | None = None, sent: Callable[[int], object] = lambda number: None
     ) -> Any:
-        """Send it; its result. `user`: None: of the face itself."""
+        """Send a command, and return its result when it has ended. `user` is None for a command of the face itself."""
         try:
             await self._send(asked)
             sent(asked.number)
@@ -145,8 +145,8 @@ class Gateway:
         return asked.outcome()
 
     async def _until_told(self, asked: PendingCommand, user: User | None) -> None:
-        """Wait until a command has ended and the face has been notified of the period of its answer: a client that
-        reads next sees the effect of its command. An action whose client has gone is cancelled."""
+        """Wait until a command has ended and the face has been notified of the period of the answer. A client that
+        reads after that sees the effect of its command. An action whose client has disconnected is cancelled."""
         is_cancelled = False
 
         async def looked() -> float:
@@ -169,7 +169,7 @@ class Gateway:
         await asked.follow(looked, is_over)
 
     def _send(self, asked: PendingCommand) -> asyncio.Future[None]:
-        """Send in a thread: the queue may be full, or locked by another client."""
+        """Send a command in a thread, because the queue can be full, or locked by another client."""
 
         def send() -> None:
             if self._is_closed and asked.do != GIVE_BACK.name:
@@ -182,15 +182,15 @@ class Gateway:
         return asyncio.get_running_loop().run_in_executor(SENDER, send)
 
     def _send_on(self, do: str, path: str, who: str, **more: Any) -> None:
-        """Send without waiting: signs of life must not wait for a full queue."""
+        """Send a command without waiting for it, because signs of life must not wait for a full queue."""
         sending = self._send(self._session.asking(do, path, who=who, **more))
         sending.add_done_callback(lambda sent: sent.cancelled() or sent.exception())
 
     # The lease -----------------------------------------------------------------------------------------
 
     async def _take_lease(self, who: str, *, anew: bool = False, over: bool = False) -> None:
-        """Raise LeaseHeld if another client has it, unless it is taken over. `anew`: also if the face has it
-        already."""
+        """Take the lease. Raises LeaseHeld if another client has the lease, unless `over` is True. With `anew` the
+        lease is taken again even if the face already has it."""
         async with self._taking:
             if self._session.has_lease and not anew:
                 return
@@ -199,7 +199,8 @@ class Gateway:
             await self._carry_out(asked)
 
     async def _keep(self) -> None:
-        """Give signs of life for the lease, and for the holds of clients that live; at the end return the lease."""
+        """Give signs of life for the lease, and for the holds of clients that are alive. Return the lease after it has
+        not been used for `LINGER` s."""
         while True:
             if self._session.has_lease:
                 await self._look_after()
@@ -241,5 +242,5 @@ class Gateway:
 
 
 def _is_level(do: str) -> bool:
-    """True if it goes by a level in shared memory, which no queue delays."""
+    """True if a command is transmitted as a level in shared memory, which no queue delays."""
     return do in VERBS and VERBS[do].is_level

@@ -135,7 +135,7 @@ class Metrics(Collector):
 
 
 def _run_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
-    """Periods, missed ones, latency, the age of the last period."""
+    """Yield the metrics of the run: periods, missed periods, latency, and the UTC of the last period."""
     places = {item.path: item.number for item in machine.of_kind(ItemKind.RUN)}
     values = {path: float(changes.values[place]) for path, place in places.items()}
     counters = {

@@ -1,4 +1,5 @@
-"""Many stations on many computers: each computer's stations are published, and followed from any other, over Zenoh.
+"""Connects the stations of many computers over Zenoh: each computer publishes its stations, and any other computer can
+follow them.
 
-Needs the extra `fleet`. `fleet_keys` has the keys, `run_words` the contents of the messages.
+This package needs the extra `fleet`. `fleet_keys` defines the keys of messages, and `run_words` their contents.
 """

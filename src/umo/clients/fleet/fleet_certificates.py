@@ -115,7 +115,8 @@ class Authority:
         _write(file, text.encode())
 
     def _share_rules(self) -> None:
-        """A copy for each certificate of a server: its folder is all that its computer needs."""
+        """Copy the rules to the folder of each certificate of a server, so that this folder contains everything that
+        the server's computer needs."""
         rules = (self.folder / FILE).read_bytes()
         for identity, folder in self.issued():
             if identity.hosts:
@@ -149,7 +150,8 @@ def _host(host: str) -> Any:
 def _signed(
     name: str, authority: tuple[Any, Any] | None, now: datetime, days: int, hosts: Sequence[Any] = ()
 ) -> tuple[bytes, bytes]:
-    """A certificate and its key, as PEM. `authority`: its certificate and key, or None if this is one."""
+    """Return a new certificate and its key, as PEM. `authority`: the certificate and the key of the authority, or None
+    to make a new authority."""
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
@@ -191,6 +193,6 @@ def _write_folder(target: Path, files: dict[str, bytes]) -> None:
 
 
 def _write(file: Path, data: bytes) -> None:
-    """A file that is whole, old or new."""
+    """Write a file so that it always contains either all of the old data or all of the new data."""
     with replaced(file) as new:
         new.write_bytes(data)

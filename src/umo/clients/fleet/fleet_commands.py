@@ -2,8 +2,7 @@
 
 A query at `umo/SITE/STATION/command/USER` carries JSON: `id` (16 to 64 characters, chosen at random), `sent` and
 `until` (UTC, s), `client`, `do`, `path` and the other fields of the command. The first answer is `{"number": n}`: the
-number that the machine's events have for this command. The last answer is `{"result": ...}` or `{"error": ..., "kind":
-...}`.
+number of this command in the machine's events. The last answer is `{"result": ...}` or `{"error": ..., "kind": ...}`.
 
 A command is carried out once. If it arrives again, because the network or somebody else has copied it, the answer is
 that of the first one. Numbers are remembered for longer than a command may be valid. A command that was sent before the
@@ -65,8 +64,8 @@ class FleetUsers:
     is_proved: bool = False
 
     def user(self, name: str, is_alive: Callable[[], bool], *, is_unverified: bool = False) -> User:
-        """Return the user of a key. `is_unverified` is True if this user passes on the commands of somebody else, whose
-        name is not proved."""
+        """Return the user of a key. `is_unverified` is True if this user passes on the commands of another person,
+        whose name is not proved."""
         return User(name, self.is_proved and not is_unverified, is_alive=is_alive)
 
 
@@ -103,9 +102,10 @@ class FleetCommands:
         self._told: dict[tuple[str, str], CommandOutcome] = {}
         self._signs: dict[tuple[str, str], float] = {}
         self._counts: Counter[str] = Counter()
-        """Remembered commands of each user."""
+        """Number of remembered commands of each user."""
         self._waiting: Counter[str] = Counter()
-        """Commands of each user that have come and have no answer; changed in the thread of Zenoh and the loop's."""
+        """Number of commands of each user that have arrived and are not answered yet. The thread of Zenoh and the
+        thread of the loop change it."""
         self._lock = threading.Lock()
         self._forgot = 0.0
         self._tasks = KeptTasks()
@@ -181,7 +181,7 @@ class FleetCommands:
             )
 
     async def _once(self, name: str, command: dict[str, Any], reply: Callable[[dict[str, Any]], object]) -> None:
-        """Carry it out, or tell what has become of it."""
+        """Carry out a command, and send its answers. If the command has arrived before, only send the answers again."""
         self._forget()
         this = name, command["id"]
         told = self._told.get(this)
@@ -241,7 +241,7 @@ class FleetCommands:
 
 
 def _name_in(query: zenoh.Query) -> str:
-    """The user, as the key of a command names them."""
+    """Return the name of the user in the key of a command."""
     return str(query.key_expr).rpartition("/")[2]
 
 

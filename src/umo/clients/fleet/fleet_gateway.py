@@ -1,7 +1,7 @@
 """The gateway of a computer: publishes every station that runs on it, and passes commands on.
 
 One task looks at all rings, one after the other, because waking up a task costs more than reading a ring. A station is
-found within `SEARCH_PAUSE`; an error in one does not affect the others.
+found within `SEARCH_PAUSE`. An error in one station does not affect the others.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class PublishedStation:
         return inf if self._is_over else self.publisher.time
 
     def _ask(self) -> SoleLease:
-        """The way of commands to this run, from the first one on."""
+        """Return the gateway for commands to this run. It is created for the first command."""
         if self._gateway is None:
             self._gateway = SoleLease(self.publisher.reader, "fleet", self._wait, is_reader=self._read_only)
         return self._gateway
@@ -96,8 +96,8 @@ class PublishedStation:
 
 
 class FleetGateway:
-    """`site`: the first word of the keys of this computer's stations. `say` is called with notices for the user.
-    `history` additionally publishes to a JetStream."""
+    """The gateway. `site`: the first word of the keys of this computer's stations. `say` is called with notices for the
+    user. `history` additionally publishes to a JetStream."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class FleetGateway:
         self._stations: dict[Path, PublishedStation] = {}
         self._refused: dict[Path, UnpublishedStation] = {}
         self._ended: list[tuple[float, StationPublisher]] = []
-        """Runs that are over, each with the time until which it is asked, s of the monotonic clock."""
+        """Runs that are over, each with the time until which its data can be requested, in s of the monotonic clock."""
         self._searched = -inf
 
     @property
@@ -160,7 +160,8 @@ class FleetGateway:
         self._ended.append((time.monotonic() + AFTER_END, station.publisher))
 
     def _forget(self, now: float | None = None) -> None:
-        """Close the runs that ended long ago, or after which others of their station did."""
+        """Close the runs that ended long ago. Of each station, keep at most the last `MOST_ENDED` runs that have
+        ended."""
         now = time.monotonic() if now is None else now
         later: Counter[StationKey] = Counter()
         for ended in reversed(self._ended[:]):
@@ -185,7 +186,8 @@ class FleetGateway:
                     self._refuse(path, f"{path.name}: {text_of(error)}")
 
     def _refuse(self, path: Path, text: str) -> None:
-        """Leave a station alone for a while. It is told at the second try: it may have ended just now."""
+        """Do not try to publish a station again for `REFUSED_PAUSE` s. The user is informed only after `REPORT_ATTEMPT`
+        failed attempts, because the station may just have ended."""
         tries = self._refused[path].tries + 1 if path in self._refused else 1
         self._refused[path] = UnpublishedStation(tries, time.monotonic() + REFUSED_PAUSE)
         if tries == REPORT_ATTEMPT:
@@ -209,7 +211,8 @@ class FleetGateway:
         self._say(f"{key} (pid {reader.about['pid']})")
 
     def _key_of(self, reader: Reader) -> StationKey:
-        """Its name; of several runs of one name the later ones have their pid, too."""
+        """Return the key of a run. If the name of the station is already published, the key also contains the run's
+        pid."""
         name = segment(str(reader.about["station"]))
         key = StationKey(self._site, name)
         return key if key not in self.stations else StationKey(self._site, f"{name}.{reader.about['pid']}")

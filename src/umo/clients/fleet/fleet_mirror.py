@@ -1,7 +1,7 @@
 """A mirror shows a station of a fleet as if it ran on this computer. It keeps the frames of the station in a ring of
 this process, and passes commands on to the station.
 
-    reader = find("cell7/press")        # as `umo.process.frames.search.find_running` returns one
+    reader = find("cell7/press")        # like the result of `umo.process.frames.search.find_running`
 
 One thread applies the messages in order, answers the commands in the ring's cells, and marks values that are no longer
 fresh. A mirror belongs to one run, and ends with that run.
@@ -51,9 +51,9 @@ log = logging.getLogger("umo.fleet")
 ANSWER_TIME = 3.0
 """Time in s within which a station must answer with its declaration."""
 STALE_AFTER = 1.5
-"""Age in s of the last delta at which all values become stale; 10 periods if they are longer."""
+"""Age in s of the last delta at which all values become stale. If 10 periods are longer, they apply instead."""
 NONE = -2
-"""The number that an image has before the first delta."""
+"""The number of an image before its first delta."""
 CHECK_PAUSE = 0.5
 """Time in s between two queries for the present run."""
 LOOK_INTERVAL = 0.02
@@ -108,7 +108,7 @@ class FleetMirror:
         """Number of deltas that did not arrive."""
         self._ended = threading.Event()
         self._heard = time.monotonic()
-        """The earliest time in s at which what is shown may have been made."""
+        """The earliest time in s at which the shown data may have been created."""
         self._checked = self._compared = float("-inf")
         self._is_stale = False
         self._limit = max(STALE_AFTER, 10 * float(layout.about["period"]))
@@ -166,7 +166,8 @@ class FleetMirror:
             self._check("")
 
     def _go_on(self) -> None:
-        """Use the next delta. The run is over with its last delta, even if that is unusable."""
+        """Use the next events and deltas. The mirror ends with the last delta of the run, even if that delta is
+        unusable."""
         self._take_events(self._feed.events())
         deltas = self._feed.deltas()
         if self._feed.is_over:
@@ -194,8 +195,9 @@ class FleetMirror:
             self._compare_clocks()
 
     def _check(self, otherwise: str) -> None:
-        """The message does not follow the last one: the run may have ended, or the origin of its last delta is unknown.
-        The station says so; if it does not, `otherwise` is told."""
+        """Ask the station for its state, because a message does not follow the last one. If the run has ended, the
+        mirror ends. If the station's deltas are behind those of the mirror, the mirror takes the present image. In
+        other cases `otherwise` is logged."""
         now = time.monotonic()
         if now - self._checked < CHECK_PAUSE:
             return
@@ -210,7 +212,8 @@ class FleetMirror:
             log.warning("%s: %s", self.key, otherwise)
 
     def _ask_again(self) -> None:
-        """Deltas are missing: take the image as it is now. Until the answer nothing is known to be fresh."""
+        """Take the present image of the station, because deltas are missing. Until the answer arrives, all values are
+        stale."""
         if not self._is_stale:
             self._grow_stale()
         asked = time.monotonic()
@@ -262,7 +265,7 @@ class FleetMirror:
                 self._commands.has_ended(local)
 
     def _tell(self, event: Event) -> None:
-        """Add an event to the ring; one without a time is of now."""
+        """Add an event to the ring. If the event has no time, it gets the present time."""
         now = float(self._image.view("<f8")[self._time]) if not event.time else event.time
         self._ring.event(self._events, event._replace(time=now))
         self._events += 1
@@ -271,19 +274,21 @@ class FleetMirror:
 
     @property
     def _made(self) -> int:
-        """The time in ns of the station's clock at which the image was made."""
+        """The time in ns of the station's clock at which the image was created."""
         return int(self._image.view("<i8")[self._began])
 
     def _show(self) -> None:
-        """The image, which has just come. What comes late, as after a loss of the network, is not fresh."""
+        """Show the image that has just arrived. An image that arrives late, for example after a loss of the network, is
+        stale."""
         now = time.monotonic()
         self._heard = now - self._ages.age(self._made)
         self._is_stale = now - self._heard > self._limit
         self._add(Quality.STALE if self._is_stale else Quality.GOOD)
 
     def _add(self, best: Quality) -> None:
-        """The image as a frame, of which no value is better than `best`; its time on this computer's clock is that of
-        its UTC, and commands have their numbers here."""
+        """Add the image to the ring as a frame. No value gets a better quality than `best`. The frame's time is
+        converted from its UTC to the clock of this computer, and its number of taken commands to the numbers of this
+        computer."""
         frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
         moment = int(frame["began"][0]) + int(frame["utc"][0])
         offset, _ = utc()
@@ -312,7 +317,8 @@ class FleetMirror:
 
 
 def _age_in(facts: dict[str, Any]) -> float:
-    """Age in s of the image of a declaration when it was sent, or 0 if an older gateway does not send it."""
+    """Return the age in s that the image in a declaration had when it was sent, or 0 if an older gateway does not send
+    the age."""
     return float(facts.get("age", 0.0))
 
 
@@ -331,7 +337,7 @@ def answer_of(session: zenoh.Session, key: StationKey, kind: str) -> bytes:
 
 def find(name: str, settings: FleetSettings | None = None) -> Reader:
     """Return the frames of a station of the fleet, `SITE/STATION`. The FramesError for an unknown station lists the
-    known ones. The default of `settings` are those of this user."""
+    known ones. `settings` defaults to the settings of this user."""
     key = keys.station_key(name)
     settings = fleet_settings.load() if settings is None else settings
     settings.require(USER)

@@ -31,8 +31,8 @@ class FleetStation:
 
     key: StationKey
     status: Mapping[str, Any] = field(default_factory=dict)
-    """The last status of the station (`umo.clients.fleet.station_publisher.status_of`), or empty if there is none
-    yet."""
+    """The last status of the station (`umo.clients.fleet.station_publisher.status_of`), or empty if no status has
+    arrived yet."""
     told: float = 0.0
     """Time of the last status, in s of the monotonic clock."""
     lost: float | None = None
@@ -54,12 +54,12 @@ class FleetPresence:
         self._lock = threading.Lock()
         self._found: dict[StationKey, FleetStation] = {}
         self._come: set[StationKey] = set()
-        """Stations that have appeared and were not asked yet."""
+        """Stations that have appeared and were not queried for their status yet."""
         self._statuses = session.declare_subscriber(keys.EVERY.key(keys.STATUS), self._told)
         self._tokens = session.liveliness().declare_subscriber(keys.EVERY.key(keys.ALIVE), self._changed, history=True)
 
     def _changed(self, sample: zenoh.Sample) -> None:
-        """A token has come, or is gone."""
+        """Record that the token of a station has appeared or disappeared."""
         key, comes = keys.station_of(str(sample.key_expr)), sample.kind == zenoh.SampleKind.PUT
         with self._lock:
             station = self._found.get(key)
@@ -71,7 +71,7 @@ class FleetPresence:
                     self._come.add(key)
 
     def _ask(self) -> None:
-        """Ask those that have come for their status."""
+        """Query the stations that have appeared for their status."""
         with self._lock:
             come, self._come = self._come, set()
         for key in come if len(come) <= ASKED_ONE_BY_ONE else (keys.EVERY,):

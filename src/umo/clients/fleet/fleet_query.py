@@ -50,7 +50,7 @@ def asked(folder: Path, sql: str, last: float | None = None, now: datetime | Non
 
 
 def _show(connection: Any, folder: Path, kind: str, oldest: str) -> None:
-    """Make the view of a kind."""
+    """Create the view of one kind of data. `oldest`: the first hour to read, or "" for all."""
     place = folder.resolve() / kind
     if oldest and kind != "objects":
         files = [each.path for station in place.glob("site=*/station=*") for each in hour_files(station)

@@ -1,7 +1,7 @@
 """The recorder of a fleet: writes what stations publish to Parquet files.
 
-When it starts, it reads from its files which data it wrote last, so that nothing is recorded twice and missing data are
-reported with their number. Gateways keep their last 60 s at 10 Hz, so a recorder that was away for a shorter time
+When it starts, it reads from its files which data it wrote last, so that nothing is recorded twice, and the number of
+missing data is reported. Gateways keep their last 60 s at 10 Hz, so a recorder that was away for a shorter time
 receives the missed data later. A recorder that cannot write keeps a bounded amount of data.
 """
 
@@ -97,8 +97,8 @@ class Incoming:
 
 @contextmanager
 def told(key: StationKey) -> Iterator[None]:
-    """Return a context that reports errors in the processing of a message, so that they do not affect other
-    messages."""
+    """Return a context that catches and reports errors in the processing of a message, so that other messages are still
+    processed."""
     try:
         yield
     except UmoError as error:
@@ -153,9 +153,9 @@ class FleetRecorder:
         self._tidied, self._hour = float("-inf"), ""
         self._untidy: deque[Path] = deque()
         self._pending = 0
-        """Size in bytes of the data to be written, at the last look."""
+        """Size in bytes of the data to be written, when it was last computed."""
         self._place = 0
-        """The last one in the stream that was taken, and that of which the source knows that it is written."""
+        """Place of the last message that was taken from the stream."""
         source.begin(self._incoming.put, self._has_room)
 
     def _has_room(self) -> bool:
@@ -243,7 +243,7 @@ class FleetRecorder:
             each.go_on()  # with what is there, if nobody answers
 
     def _ask(self, now: float) -> None:
-        """Ask for the declarations that are needed."""
+        """Request the declarations that are needed."""
         waiting = [
             each for each in self._followed.values()
             if each.run.needs_declaration and now - each.asked > ANSWER_TIME
@@ -313,7 +313,8 @@ class FleetRecorder:
             self._say(f"the history cannot be written: {why}; the last values are kept until there is room")
 
     def _make_room(self) -> None:
-        """Drop the older half of what the runs have that hold more than their share."""
+        """If too many data wait to be written, drop the older half of the data of each run that has more than its
+        share."""
         self._pending = sum(each.run.bytes for each in self._followed.values())
         if self._pending <= self._most_pending:
             return

@@ -62,7 +62,8 @@ class RecordFolder:
         root.mkdir(parents=True, exist_ok=True)
         self.root, self._say = root, say
         self.looked_at = LOOKED_AT
-        """Number of the newest files of a station that are read to find what is already recorded, once for each run."""
+        """Largest number of files of a station, beginning with the newest, that are read to find which data are already
+        recorded. They are read once for each run."""
         self._lock = open(root / LOCK, "w")  # noqa: SIM115 - held as long as the recorder records
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -73,7 +74,7 @@ class RecordFolder:
         self._next: dict[Path, tuple[str, int]] = {}
         """Hour and number of the next part of each folder."""
         self._grown: dict[Path, list[int]] = {}
-        """Parts and bytes of this hour that are not merged yet."""
+        """Number of parts of this hour in each folder that are not merged yet, and their bytes."""
 
     def close(self) -> None:
         self._lock.close()
@@ -115,7 +116,7 @@ class RecordFolder:
 
     @property
     def grown(self) -> list[Path]:
-        """The folders with many parts of this hour."""
+        """The folders with so many parts or bytes of this hour that they are to be merged."""
         return [place for place, (count, size) in self._grown.items() if count >= MERGED_PARTS or size >= MERGED_BYTES]
 
     # Merging -------------------------------------------------------------------------------------------
@@ -171,7 +172,8 @@ class RecordFolder:
         self._grown[place] = [0, 0]
 
     def _without_leftovers(self, files: list[HourFile], abouts: Mapping[Path, Any]) -> list[HourFile]:
-        """Files, oldest first, without parts that others of them are made of; those are removed."""
+        """Return the files of one hour without leftover parts. A leftover part is one whose data another file already
+        contains; it is deleted."""
         parts = [each for each in files if each.number is not None]
         whole = max((abouts[each.path]["until"] for each in files if each.number is None), default=-1)
         kept = [each for each in files if each.number is None]
@@ -265,7 +267,7 @@ def write_whole(path: Path, schema: pa.Schema, tables: Iterable[pa.Table], about
 
 
 def _groups(paths: Iterable[Path]) -> Iterator[pa.Table]:
-    """The row groups of files, one after the other, small ones put together."""
+    """Yield the row groups of files one after the other. Small row groups are merged."""
     held: list[pa.Table] = []
     for path in paths:
         with pq.ParquetFile(path) as file:

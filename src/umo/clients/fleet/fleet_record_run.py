@@ -49,13 +49,13 @@ class FollowedRun:
         self.rows: RunRows | None = None
         """The rows, or None before the run is declared."""
         self.last = {of: recorded.last.get((of, self.name), -1) for of in (VALUES, EVENTS)}
-        """The last number that is recorded, or that is to be written."""
+        """The last number of each kind of data that is recorded, or that waits to be written."""
         self._known_gaps = recorded.gaps
         self._why = {of: BEFORE if last < 0 else AWAY for of, last in self.last.items()}
         self._words: WordFrame | None = None
         self._image: Words | None = None
         self._seen = -1
-        """Number of the delta of the image."""
+        """Number of the delta that the image contains."""
         self._rest = UNKNOWN
         self._waiting: deque[bytes] = deque()
         self._waiting_bytes = 0
@@ -69,8 +69,8 @@ class FollowedRun:
 
     @property
     def wanted(self) -> tuple[int, int]:
-        """The numbers of the first delta and the first event to request. The deltas from there on begin with one that
-        has all words."""
+        """The numbers of the first delta and the first event to request. The requested deltas begin with one that has
+        all words."""
         first = self.last[VALUES] + 1
         return first - first % FULL_EVERY, self.last[EVENTS] + 1
 
@@ -114,7 +114,7 @@ class FollowedRun:
         self._record(delta.number, delta.is_last)
 
     def _record(self, number: int, is_last: bool = False) -> None:
-        """Have the image written, if it is new."""
+        """Add the image to the data to write, if it is new."""
         self.has_ended |= is_last
         if number <= self.last[VALUES]:
             return
@@ -128,7 +128,7 @@ class FollowedRun:
         self._period = period
 
     def _find_gap(self, of: str, number: int, at: int | None) -> None:
-        """Note that data before a number are missing, and that the number has arrived."""
+        """Record that the data with this number have arrived. If data before them are missing, record a gap."""
         first, self.last[of] = self.last[of] + 1, number
         first = max(first, self._known_gaps.pop((of, self.name, first), -1) + 1)  # told before the recorder was away
         why, self._why[of] = self._why[of], LOST
@@ -164,7 +164,8 @@ class FollowedRun:
         self._record(number)
 
     def _go_on(self) -> None:
-        """Apply those that wait, from the first one that can be: the one that follows, or one with all words."""
+        """Apply the waiting deltas. The first one must follow the image, or have all words; waiting deltas before it
+        are dropped."""
         while self._waiting:
             try:
                 is_used = self._follow(self._waiting[0])
@@ -184,7 +185,7 @@ class FollowedRun:
         self._waiting_bytes -= len(self._waiting.popleft())
 
     def give_up(self) -> bool:
-        """Report the deltas that still wait for a declaration as missing. Return whether there were any."""
+        """Report the deltas that still wait for a declaration as missing. Return True if there were any."""
         if self._waiting:
             number = peek(self._waiting[-1]).number
             self._waiting.clear()
@@ -222,7 +223,7 @@ class FollowedRun:
         return not (self.taken or self.gaps or self._events or self._waiting)
 
     def has_written(self, values: int = 0, events: int = 0, gaps: int = 0) -> None:
-        """Note that these numbers of values, events and gaps are in files."""
+        """Record that these numbers of values, events and gaps are in files."""
         self.bytes -= sum(len(each.image) for each in self.taken[:values])
         del self.taken[:values], self._events[:events], self.gaps[:gaps]
 

@@ -56,7 +56,7 @@ class RecordSource(Protocol):
         """Ask for the declaration of a run."""
 
     def written(self, sequence: int) -> None:
-        """Note that all messages up to this place are in files, or are no longer needed."""
+        """Record that all messages up to this place are in files, or are no longer needed."""
 
 
 class FleetSource:

@@ -3,11 +3,11 @@
 One file, `rules.toml`, has a line for each certificate; `umo connect certificate` adds it. The owner of a certificate
 without a line may do nothing:
 
-    router.plant = true                # passes on what others say; it has checked them
+    router.plant = true                # passes on the messages of others, after a check of their certificates
     site.cell7 = true                  # publishes its own stations, and answers for them
-    user.ann = true                    # sees every station, and commands under the own name
-    user.bob = ["cell7", "cell8"]      # the same at these sites only; of others the presence and status
-    user.eve = false                   # withdrawn: this name is never used again, as the certificate still exists
+    user.ann = true                    # sees every station, and commands under its own name
+    user.bob = ["cell7", "cell8"]      # the same at these sites; of other sites only presence and status
+    user.eve = false                   # withdrawn: the name is never used again, because its certificate still exists
 
 The name of a certificate is `KIND:NAME`, as `user:ann`; Zenoh compares it with the key of each message
 (its access control). Zenoh reads the rules when it starts.
@@ -30,7 +30,8 @@ from umo.wiring.settings import TakenBy, read_settings, settings_in
 FILE = "rules.toml"
 MAX_BYTES = 1 << 22
 MAX_NAME = 48
-"""Largest number of characters of a name. With its kind it has at most 64, which is the limit of a certificate."""
+"""Largest number of characters of a name. Together with its kind, a name then has at most 64 characters, which is the
+limit of a certificate."""
 ROUTER, SITE, USER = "router", "site", "user"
 KINDS = (ROUTER, SITE, USER)
 READ = ("declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query")
@@ -50,7 +51,7 @@ _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
 
 
 def checked_name(name: str) -> str:
-    """Return the name if a certificate may have it. Raises OptionError otherwise."""
+    """Return the name if it is valid for a certificate. Raises OptionError otherwise."""
     if len(name) > MAX_NAME:
         raise OptionError(f"{printable(name[:20])}... has {len(name)} characters; at most {MAX_NAME} are allowed")
     if not _NAME.fullmatch(name):
@@ -68,7 +69,7 @@ def _is_there(value: Any) -> bool:
 
 
 def _open_to(value: Any) -> bool | Sequence[str]:
-    """The sites that are open to a user: true: all of them."""
+    """Return the sites that are open to a user; True means all sites. Raises OptionError for an invalid value."""
     if isinstance(value, bool):
         return value
     if not isinstance(value, list) or not value:
@@ -147,8 +148,8 @@ class FleetRules:
 
 
 def seen_at(sites: Sequence[str]) -> list[str]:
-    """Return the keys that a user may query who may see the stations of these sites: all keys of one word, which
-    excludes commands."""
+    """Return the keys that a user may query if only the stations of these sites are open to the user. They are all keys
+    with one word after the station, which excludes commands."""
     return [f"{keys.ROOT}/{site}/*/*" for site in sites]
 
 

@@ -161,8 +161,8 @@ def opened_client(network: FleetNetwork) -> zenoh.Session:
 
 
 def _cause(network: FleetNetwork, text: str) -> tuple[type[UmoError], str]:
-    """Return the failing address and the cause: a message of Zenoh without the places in its source, or the result of a
-    second try."""
+    """Return the class of the error, and its text: the failing address and the cause. The cause is found by a second
+    attempt to connect, or is a message of Zenoh without the places in Zenoh's source."""
     addresses = (*network.listen, *network.connect)
     if "Unable to connect" in text and network.connect:
         why = {each: why_not(each, network.certificates) for each in network.connect}

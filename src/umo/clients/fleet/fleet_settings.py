@@ -74,7 +74,7 @@ class FleetSettings:
 
     @property
     def why_none(self) -> str:
-        """Advice for the case that no station is visible. Zenoh itself does not report that its rules forbid access."""
+        """Advice for a user who sees no station. Zenoh itself does not report that its rules forbid access."""
         publish, identity = "`umo connect fleet` publishes the stations of a computer", self.network.identity
         if identity is None:
             return publish

@@ -67,7 +67,8 @@ NOBODY = Credentials()
 
 
 def _seed(text: str, file: object) -> bytes:
-    """32 bytes from `SU...`: two of its kind before them, two of a checksum behind."""
+    """Return the 32 bytes of the key in a seed `SU...`. In the seed, two bytes of its kind stand before the key, and
+    two bytes of a checksum stand behind it."""
     data = base64.b32decode(text + "=" * (-len(text) % 8))
     if binascii.crc_hqx(data[:-2], 0) != int.from_bytes(data[-2:], "little"):
         raise OptionError(f"{file}: the seed is damaged")
@@ -75,7 +76,7 @@ def _seed(text: str, file: object) -> bytes:
 
 
 def _secret(file: str) -> str:
-    """A file that only this user may read."""
+    """Return the text of a file. Raises OptionError if other users may read the file."""
     path = Path(file).expanduser()
     try:
         if path.stat().st_mode & 0o077:

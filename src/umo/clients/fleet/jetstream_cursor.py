@@ -39,7 +39,8 @@ class JetStreamCursor:
         self._declare_at = -inf
         self._delta: int | None = None
         self._event: int | None = None
-        """Numbers of the next ones that the server has not confirmed, or None if none was sent yet."""
+        """Numbers of the next delta and of the next event that the server has not confirmed; None before the first one
+        is sent."""
         self._lost = {keys.DELTA: 0, keys.EVENT: 0}
         self._lock = threading.Lock()
         self.has_ended = False
@@ -108,7 +109,7 @@ class JetStreamCursor:
         ]
 
     def confirm(self, message: OutgoingMessage) -> None:
-        """Note that the server has confirmed a message."""
+        """Record that the server has confirmed a message."""
         if message.kind == keys.DELTA:
             self._delta = int(message.next)
         elif message.kind == keys.EVENT:

@@ -55,7 +55,7 @@ class JetStreamPublisher:
             self._cursors.append(JetStreamCursor(publisher))
 
     def end(self, publisher: StationPublisher) -> None:
-        """Note the end of a run: its remaining data are sent as soon as possible."""
+        """Record the end of a run. Its remaining data are sent as soon as possible."""
         with self._lock:
             for each in self._cursors:
                 if each.publisher is publisher:
@@ -118,7 +118,8 @@ class JetStreamPublisher:
     def _confirm(
         sent: Sequence[tuple[JetStreamCursor, OutgoingMessage, asyncio.Future[object] | None]],
     ) -> None:
-        """Go on behind what the server has; raises why it has not got the first other one."""
+        """Record which messages the server has confirmed. Raises the error of the first message that it has not
+        confirmed."""
         failed: dict[int, BaseException] = {}
         for cursor, message, future in sent:
             if id(cursor) in failed:
@@ -150,7 +151,8 @@ class JetStreamPublisher:
                           "and are no longer kept")  # fmt: skip
 
     def _forget(self) -> None:
-        """Runs that are over and of which all was sent."""
+        """Forget the runs that are over and whose data were all sent. If more than `MOST_ENDED` other runs are over,
+        give up the oldest of them."""
         with self._lock:
             self._cursors = [each for each in self._cursors if not each.is_done]
             ended = [each for each in self._cursors if each.has_ended]

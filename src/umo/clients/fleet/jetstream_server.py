@@ -5,8 +5,8 @@
 user = "cell7"                          # or UMO_JETSTREAM_USER
 password_file = "~/.config/umo/nats"    # its first line; or UMO_JETSTREAM_PASSWORD
 credentials = "~/.config/umo/me.creds"  # instead of both: a file of nsc; or UMO_JETSTREAM_CREDENTIALS
-keep = "7 d"                            # of the stream, where there is none yet
-bytes = 10_000_000_000                  # the same
+keep = "7 d"                            # largest age of the data, if the stream does not exist yet
+bytes = 10_000_000_000                  # largest size, if the stream does not exist yet
 
 Deltas and events are in one stream, in the order in which they arrived. Declarations are in a second stream, which has
 the last declaration of each run, so that they are not dropped when the first stream reaches its limit of age or size.
@@ -165,7 +165,8 @@ class JetStreamServer:
                 return
 
     async def _make_streams(self, js: JetStreamContext) -> None:
-        """Existing streams are used unchanged, because the operator of the server may have made them differently."""
+        """Create the streams that do not exist. Existing streams are used unchanged, because the operator of the server
+        may have chosen other settings for them."""
         for name, subjects, most, keep, size in (
             (STREAM, [subject("*", "*", "*")], -1, self.keep, self.bytes),
             (DECLARATIONS, [subject("*", "*", keys.DECLARATION, "*")], 1, self.keep + 24 * REFRESH,
@@ -191,7 +192,7 @@ class JetStreamServer:
 
 
 async def _unheard(_: Exception) -> None:
-    """Ignore a change of the connection: it is noticed where it is used."""
+    """Ignore a change of the connection, because the code that uses the connection notices it."""
 
 
 def why(error: BaseException) -> str:
@@ -211,7 +212,7 @@ def load(
 
 
 def _hidden(url: str) -> str:
-    """An address without its password."""
+    """Return an address without its password."""
     before, at, host = url.rpartition("@")
     return f"{before.partition('://')[0]}://...@{host}" if at else url
 

@@ -43,7 +43,7 @@ BATCH = 500
 WAIT = 0.5
 """Time in s to wait for messages."""
 ROOM_WAIT = 0.1
-"""Time in s from one check whether there is room to the next."""
+"""Time in s between two checks whether there is room."""
 CONSUMER_FILE = ".jetstream"
 """The file in the folder of the history with the name of its consumer."""
 UNUSED = 90 * 86400.0
@@ -71,9 +71,10 @@ class JetStreamSource:
         self._wanted: deque[tuple[StationKey, bytes]] = deque()
         self._written = 0
         self._taken = 0
-        """Places of the last message of which all up to it is written, and of the last one that was given."""
+        """`_written`: place of the last message up to which all messages are in files. `_taken`: place of the last
+        message that was delivered."""
         self._replies: deque[tuple[int, str]] = deque()
-        """Place, and subject of its confirmation, of what is not confirmed."""
+        """The place of each unconfirmed message, and the subject to which its confirmation is sent."""
 
     # By the recorder ------------------------------------------------------------------------------------------
 
@@ -111,7 +112,7 @@ class JetStreamSource:
         asyncio.run(self._server.keep_using(self._read, self._is_closing, self._say, self._make_consumer))
 
     async def _make_consumer(self, js: JetStreamContext) -> None:
-        """The consumer, made again behind what is written."""
+        """Create the consumer anew, so that it begins after the written data."""
         stream = await js.stream_info(STREAM)
         with suppress(NotFoundError):
             known = await js.consumer_info(STREAM, self.consumer)
@@ -131,7 +132,7 @@ class JetStreamSource:
         await js.add_consumer(STREAM, config)
 
     async def _read(self, client: Client, js: JetStreamContext) -> None:
-        """Give messages until it is closed; raises what the connection ends with."""
+        """Deliver messages until the source is closed. Raises the error that ends the connection."""
         pulled = await js.pull_subscribe_bind(self.consumer, STREAM)
         count, silent = 0, 0
         while not self._is_closing.is_set():
@@ -188,8 +189,8 @@ class JetStreamSource:
 
 
 def _filter(patterns: Sequence[str]) -> str:
-    """The data that the server sends: the stations of one pattern, as far as subjects can express it; all stations for
-    several patterns."""
+    """Return the subject of the messages that the server sends: those of one pattern, as far as a subject can express
+    it, or of all stations if there are several patterns."""
     site, _, station = (patterns[0] if len(patterns) == 1 else "*/*").partition("/")
     return subject(*("*" if "*" in each else each for each in (site, station)), "*")
 

@@ -42,8 +42,9 @@ class KeptDeltas:
                     kept.popleft()
 
     def since(self, number: int) -> tuple[int, list[bytes]]:
-        """Return the number of the last delta, or -1 if there is none, and the deltas from a number on, as many as fit
-        in one answer. If the first returned delta has a later number, the deltas before it are no longer kept."""
+        """Return the number of the last delta (-1 if there is none), and as many of the deltas from `number` on as fit
+        in one answer. If the first returned delta has a higher number than requested, the deltas before it are no
+        longer kept."""
         with self._lock:
             last = self._kept[-1].number if self._kept else -1
             kept = list(takewhile(lambda each: each.number >= number, reversed(self._kept)))

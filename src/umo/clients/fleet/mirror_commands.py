@@ -46,16 +46,19 @@ class MirrorCommands:
         self._inbox = Receiver(ring.cells)
         self._lock = threading.Lock()
         self._numbers: dict[int, int] = {}
-        """The number here of each number of the station, until its last answer has been told."""
+        """The number on this computer of each command, by the number that the station has given to it. An entry remains
+        until the last answer is reported."""
         self._coming: list[tuple[int, int]] = []
-        """The numbers, at the station and here, of those that no frame has shown as taken yet."""
+        """The numbers, at the station and on this computer, of the commands that no frame has shown as taken yet."""
         self._taken = 0
         self._answers: list[tuple[float, ClientCommand, dict[str, Any]]] = []
-        """Last answers, each with the time from which on it becomes an event, unless the machine has had one before."""
+        """Last answers of commands. Each becomes an event at its time, unless an event of the machine has reported the
+        end of the command by then."""
         self._ended: set[int] = set()
         """The commands whose end an event of the machine has reported."""
         self._lease = Lease()
-        """The client of this mirror that commands the station, with the number of its lease there."""
+        """The lease of the client of this mirror that commands the station. Its number is that of the lease at the
+        station."""
         self._held: set[str] = set()
         self._signed = 0.0
         self._is_stopped = False
@@ -147,7 +150,7 @@ class MirrorCommands:
         )
 
     def _answer(self, command: ClientCommand, answer: dict[str, Any]) -> None:
-        """Tell the last answer, where no event of the machine does."""
+        """Process the last answer of a command. It is reported as an event if no event of the machine reports it."""
         failed = "error" in answer
         if command.do == TAKE_LEASE.name and not failed:
             self._lease.acquire(command.who, command.key, command.seconds, time.monotonic(), over=True)
@@ -164,7 +167,8 @@ class MirrorCommands:
         self._tell(Event(0.0, command.path, text, command.who, command.number, state, str(command)))
 
     def _forget(self, number: int) -> bool:
-        """Forget a command: nothing more is sent of it. Return True if an event of the machine has reported its end."""
+        """Forget a command, because no more answers to it will arrive. Return True if an event of the machine has
+        reported its end."""
         told = number in self._ended
         self._ended.discard(number)
         with self._lock:
@@ -172,11 +176,11 @@ class MirrorCommands:
         return told
 
     def has_ended(self, number: int) -> None:
-        """Note that an event of the machine has reported the end of this command."""
+        """Record that an event of the machine has reported the end of this command."""
         self._ended.add(number)
 
     def _sign(self, now: float) -> None:
-        """Pass the signs of life on, and release what is no longer held here."""
+        """Pass on the signs of life, and release the actuators that a client on this computer no longer holds."""
         cells, lease = self._ring.cells, self._lease
         lease.renew(signed := cells.signed("", lease.number), now)
         if lease.expired(now):

@@ -45,14 +45,14 @@ class RunFeed:
     def __init__(self, run: bytes, delta: int, event: int, now: float) -> None:
         self.run, self.delta, self.event = run, delta, event
         self._last_delta, self._last_event = delta - 1, event - 1
-        """Greatest numbers that are known to exist."""
+        """The largest numbers of a delta and of an event that are known to exist."""
         self._held: dict[int, bytes] = {}
         self._held_bytes = 0
         self._deltas: list[bytes] = []
         self._events: list[list[Any]] = []
         self._asked = -inf
         self._tries = 0
-        """Questions that nobody has answered."""
+        """Number of consecutive requests without an answer."""
         self._heard, self._silence = now, SILENCE
         self.is_over = False
         """True if the last delta of the run has arrived."""
@@ -73,13 +73,13 @@ class RunFeed:
         return True
 
     def leave_out(self, delta: int) -> None:
-        """Note that missing deltas before this number will not arrive any more."""
+        """Record that missing deltas before this number will not arrive any more."""
         if delta > self.delta:
             self._skip_to(delta)
             self._go_on()
 
     def leave_out_events(self, event: int) -> None:
-        """Note that missing events before this number will not arrive any more."""
+        """Record that missing events before this number will not arrive any more."""
         self.event = max(self.event, event)
 
     def take_events(self, told: Mapping[str, Any]) -> None:
@@ -90,8 +90,8 @@ class RunFeed:
             self._add_events(events)
 
     def take_past(self, data: bytes) -> None:
-        """Take the answer to a request. It has the data of the gateway from the requested number on. Raises FramesError
-        if it is malformed."""
+        """Take the answer to a request. It contains the data of the gateway from the requested number on. Raises
+        FramesError if it is malformed."""
         about, *deltas = unpacked(data)
         facts = json.loads(about)
         before = self.delta, self.event
@@ -125,14 +125,14 @@ class RunFeed:
         self._held[number] = data
 
     def _go_on(self) -> None:
-        """Pass those on whose turn it is."""
+        """Deliver the held deltas that follow the last delivered one without a gap."""
         while (data := self._held.pop(self.delta, None)) is not None:
             self._held_bytes -= len(data)
             self._deltas.append(data)
             self.delta += 1
 
     def _skip_to(self, number: int) -> None:
-        """Give up everything before this number, and pass on the deltas held."""
+        """Deliver the held deltas before this number, and give up the missing ones."""
         for each in sorted(each for each in self._held if each < number):
             data = self._held.pop(each)
             self._held_bytes -= len(data)

@@ -30,13 +30,13 @@ HEADER = struct.Struct("<8sQIIIB3x")
 """The header: run, number of the delta, number of events that were published before, number of words, bytes of the
 metadata, flags."""
 FULL, LAST = 1, 2
-"""Flags. FULL: the delta has every word of the frame. LAST: the run has ended, and no delta follows."""
+"""Flags. FULL: the delta contains every word of the frame. LAST: the run has ended, and no delta follows."""
 METADATA = struct.Struct(f"<qqqq{NAME}s")
 """The metadata: state, mode, missed periods, number of the lease, its holder. The tunable numbers (`<f8`) follow."""
 LEFT_OUT = ("sequence", "checksum", "entries_checksum", "journal", "entries", "entries_lost", "sampled", "updated")
 """Fields of a frame that are not transmitted, because they belong to the ring or to the journal."""
 FULL_EVERY = 100
-"""One delta in this number of deltas has all words, so that a new reader can begin there."""
+"""One delta in this number of deltas contains all words, so that a new reader can begin there."""
 RUN_BYTES = 8
 
 
@@ -141,10 +141,10 @@ class WordFrame:
             indices = 0 if full else count
             expected = at + indices * self._index.itemsize + 8 * count + rest
             if len(data) != expected or (full and count != self.count):
-                raise ValueError(f"{len(data)} bytes with {count} words")
+                raise ValueError(f"{count} words in {len(data)} bytes, for a frame of {self.count} words")
             places = np.frombuffer(data, self._index, indices, at)
             if indices and int(places.max()) >= self.count:
-                raise ValueError(f"word {int(places.max())} of {self.count}")
+                raise ValueError(f"there is no word {int(places.max())}: a frame has only {self.count} words")
             at += places.nbytes
             words: Words = np.frombuffer(data, np.uint64, count, at)
         except (struct.error, ValueError) as error:

@@ -58,5 +58,6 @@ class SoleLease(Gateway):
 
 
 def _others(owner: User, user: User) -> bool:
-    """True if what one has is not the other's: what a user passes on for visitors of a page is not the user's own."""
+    """True if two users are different: their names differ, or only one of the two names is proved. A visitor of a page
+    whose commands a user passes on is therefore not that user."""
     return (owner.name, owner.proved) != (user.name, user.proved)

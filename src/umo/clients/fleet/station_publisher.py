@@ -55,7 +55,7 @@ class StationPublisher:
         self._words: Words | None = None
         self._rest = b""
         self.latest: tuple[int, Words, bytes] | None = None
-        """Number, words and rest of the last delta."""
+        """Number, words and metadata of the last delta."""
         self.time = float("-inf")
         """Time of the last published frame, s on the cycle's clock."""
         self._status: dict[str, Any] = {}
@@ -99,7 +99,8 @@ class StationPublisher:
         return not ended
 
     def _publish_new(self) -> int:
-        """Publish the frames since the last time, at most `MAX_DELTAS` of them; how many were whole."""
+        """Publish the frames since the last call, at most `MAX_DELTAS` of them. Return the number of published
+        frames."""
         reader, stride = self.reader, self.stride
         head = reader.head
         oldest = max(0, head - reader.slots + 1)
@@ -131,12 +132,12 @@ class StationPublisher:
         self.latest = number, words, rest
 
     def _publish_last(self) -> None:
-        """The last frame of all, whatever its number, and the end."""
+        """Publish the last frame of the run, whatever its number, and the end of the run."""
         if (frame := self.reader.latest()) is not None:
             self._publish(frame.tobytes(), self._next, self._rest_of(), LAST)
 
     def _rest_of(self) -> bytes:
-        """The rest, packed."""
+        """Return the metadata in packed form."""
         memory, now = self.reader.live_bytes(0, DESCRIPTION), self.reader.now()
         tunables = self.reader.told_bytes()[-self._tunables :] if self._tunables else b""
         return RunMetadata.of(memoryview(memory).cast("q"), (now.lease, now.holder), tunables).packed()
@@ -164,7 +165,7 @@ class StationPublisher:
             )
 
     def _age_of(self, words: Words | bytes) -> float:
-        """Time in s since the frame of these words was made, by the clock of this computer."""
+        """Return the time in s since the frame of these words was created, by the clock of this computer."""
         if not len(words):
             return 0.0
         return max(0.0, (time.monotonic_ns() - int(words[self._began])) * 1e-9)
@@ -211,7 +212,8 @@ class StationPublisher:
             self._statuses.put(json.dumps(status))
 
     def _about_status(self) -> Any:
-        """The values that the status depends on: only if they change, the status is made again, which takes longer."""
+        """Return the values on which the status depends. A new status, which takes longer, is made only if they have
+        changed."""
         if self.latest is None:
             return None
         _, words, rest = self.latest
@@ -219,7 +221,7 @@ class StationPublisher:
         return rest, self._event, *(data[part] for part in self._status_parts)
 
     def end(self) -> None:
-        """Note the end of the run. Its published data can still be requested."""
+        """Record the end of the run. Its published data can still be requested."""
         undeclared: list[Any] = [
             self._alive,
             self._declared,

@@ -15,11 +15,11 @@ class StreamPositions:
         self._full: deque[tuple[int, int]] = deque()
         """Number and place of the deltas with all words, oldest first."""
         self._begin: int | None = None
-        """Place of the first message, until there is a delta with all words that was written."""
+        """Place of the first message, until a delta with all words is written."""
         self._unwritten: int | None = None
 
     def take(self, sequence: int, head: Head | None) -> None:
-        """Note a message. `head`: the beginning of the message if it is a delta."""
+        """Record a message. `head`: the beginning of the message if it is a delta."""
         if self._begin is None:
             self._begin = sequence
         if self._unwritten is None:
@@ -28,7 +28,7 @@ class StreamPositions:
             self._full.append((head.number, sequence))
 
     def wrote(self, last: int, *, everything: bool) -> None:
-        """Note that the deltas up to this number are in files. With `everything` all received data are in files."""
+        """Record that the deltas up to this number are in files. With `everything` all received data are in files."""
         while len(self._full) > 1 and self._full[1][0] <= last + 1:
             self._full.popleft()
         if everything:

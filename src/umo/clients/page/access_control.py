@@ -77,8 +77,9 @@ class AccessControl:
         certified: frozenset[str] | None = None,
         proxy: str = "",
     ) -> None:
-        """`certified`: the names in the certificate, or None if there is none, and no TLS. `proxy`: the address
-        (origin) at which a proxy serves the page, through which every request comes, or "" if none does."""
+        """`certified`: the names in the certificate, or None if there is no certificate and therefore no TLS. `proxy`:
+        the address (origin) at which a proxy serves the page, or "" if there is no proxy. With a proxy every request
+        comes through it."""
         self._app = app
         self._tokens, self._proxy = tokens, proxy.lower()
         self._cookie = f"umo-{port}"  # cookies do not know ports
@@ -132,18 +133,19 @@ class AccessControl:
         return None
 
     def _is_own_token(self, given: str) -> bool:
-        """True if a page that has come with the other token shows that of this user now."""
+        """True if this is the token of this user. A page that was opened with the other token can present it later."""
         return any(each.is_own and each.is_token(given) for each in self._tokens)
 
     async def _admit(self, scope: Scope, token: PageToken, is_new: bool = False) -> None:
-        """Note who it is: for what a page commands, and for the cookie that it gets."""
+        """Store in `scope` the visitor, for the commands of a page, and the cookie that a new visitor gets."""
         noted: dict[str, Any] = {"cookie": token.session} if is_new else {}
         if scope["type"] == "websocket":
             noted["visitor"] = await visitor_of(scope, token, bool(self._proxy))
         scope["state"] = {**scope.get("state", {}), **noted}
 
     def _is_our_host(self, text: str) -> bool:
-        """True if a Host header names this server, or is an address as such, which no other site can have."""
+        """True if a Host header names this server, or is an IP address of it. No name of another site is an IP
+        address."""
         name = text[1 : text.find("]")] if text.startswith("[") else text.partition(":")[0]
         name = name.lower().rstrip(".")
         if name in self._names or any(covers(known, name) for known in self._certified):
@@ -155,7 +157,8 @@ class AccessControl:
         return self._everywhere or address.is_loopback
 
     async def _judge(self, scope: Scope, given: str) -> PageToken | None:
-        """The token that it is. None for a wrong one, after a while, during which it keeps its place."""
+        """Return the token that was given. For a wrong token, return None after `REFUSAL_TIME` s. Until then it
+        occupies one of the `MAX_JUDGED` places."""
         visit = connection_of(scope)
         async with self._line:
             if visit is not None and visit.over:  # it does not wait for the answer: then there is none
@@ -211,15 +214,16 @@ class AccessControl:
 
 
 def _is_behind_another_site(headers: Headers) -> bool:
-    """True if a page of another site lets the browser ask, without the user going there: browsers say so to addresses
-    of this computer and by TLS (Fetch Metadata)."""
+    """True if a page of another site makes the browser send this request in the background. Browsers report that in the
+    headers of Fetch Metadata, if they use TLS or an address of this computer."""
     if headers.get("sec-fetch-site", "none") in ("none", "same-origin"):
         return False
     return (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest")) != ("navigate", "document")
 
 
 async def _refuse_page(status: int, receive: Receive, send: Send) -> None:
-    """Close the websocket of a page. A browser tells it the code only after an accept; another site gets none."""
+    """Refuse the websocket of a page. With the status 401 it is accepted first, because a browser passes the code of
+    the closing to the page only then. Other refusals send no code."""
     await receive()  # websocket.connect
     if status == 401:
         await send({"type": "websocket.accept"})
@@ -227,7 +231,7 @@ async def _refuse_page(status: int, receive: Receive, send: Send) -> None:
 
 
 async def _body(receive: Receive) -> bytes:
-    """The first bytes of a request's body, enough for a form."""
+    """Return the beginning of a request's body, which contains a whole form."""
     body, more = b"", True
     while more and len(body) < MAX_FORM_BYTES:
         message = await receive()
@@ -268,7 +272,7 @@ def names_in(certificate: Path, key: Path | None = None) -> frozenset[str]:
 
 
 def _shown(server: ssl.SSLContext, client: ssl.SSLContext) -> dict[str, Any]:
-    """The server's certificate as the client sees it."""
+    """Return the server's certificate as the client sees it."""
     to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
     sides = [
         client.wrap_bio(to_client, to_server, server_hostname=None),
@@ -284,7 +288,7 @@ def _shown(server: ssl.SSLContext, client: ssl.SSLContext) -> dict[str, Any]:
 
 
 def covers(name: str, host: str) -> bool:
-    """True if a name of a certificate stands for a host, both in small letters."""
+    """True if a name in a certificate covers a host. Both are in small letters."""
     if not name.startswith("*."):
         return name == host
     return host.partition(".")[2] == name[2:] and not host.startswith(".")

@@ -18,7 +18,7 @@ UNKNOWN_END = "the run ended without a report: all of its processes were killed"
 MAX_OCCASIONS = 3
 """Number of the last missed periods of a black box that are shown."""
 RUN_FACTS = ("pid", "started", "started_monotonic")
-"""Facts that identify a run: its black boxes have the same, and those of no other run do."""
+"""Facts that identify a run. Only the black boxes of this run contain the same facts."""
 
 
 class BoxInWords(NamedTuple):
@@ -51,7 +51,8 @@ def _identity(about: Mapping[str, Any]) -> tuple[Any, ...]:
 
 @lru_cache(4 * blackbox.MAX_BOXES)
 def _run_of(path: Path) -> tuple[Any, ...] | None:
-    """Identity of the run whose black box it is; None if it cannot be read. The file of a name never changes."""
+    """Return the identity of the run to which a black box belongs, or None if the black box cannot be read. A black box
+    never changes, so the result is cached by path."""
     try:
         with Reader(path) as reader:
             return _identity(reader.about)
@@ -60,7 +61,7 @@ def _run_of(path: Path) -> tuple[Any, ...] | None:
 
 
 def _read(path: Path) -> BoxInWords:
-    """Return when and why it was written, and the causes of the last missed periods in it."""
+    """Return when and why a black box was written, and the causes of the last missed periods in it."""
     try:
         with Reader(path) as reader:
             frames, about = reader.read(), reader.about
@@ -94,7 +95,7 @@ def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> 
 
 
 def _record(about: Mapping[str, Any]) -> Ended | None:
-    """Return the record of this run on its devices, not of a later one; None if it ended safely."""
+    """Return the record that this run, and not a later one, has left on its devices; None if the run ended safely."""
     station, started = about.get("station"), float(about.get("started", 0.0))
     with suppress(OSError):
         for device in about.get("devices", ()):

@@ -10,7 +10,8 @@ from umo.objects import Quality
 from umo.process.frames.run_reader import Frames
 
 MEASURED = Quality.OUT_OF_RANGE
-"""The worst quality of values that count. A value that is held, unreferenced or was never read is not a measurement."""
+"""The worst quality of a value that counts as a measurement. A value that is held, unreferenced or was never read does
+not count."""
 
 
 class Extremes:

@@ -38,14 +38,16 @@ class Feed:
     starts again."""
 
     def __init__(self, fleet: FleetFeed | None = None, recorded: Watched | None = None) -> None:
-        """`fleet`: with the stations of other computers; `recorded`: only this recording."""
+        """`fleet`: the fleet whose stations are also shown; `recorded`: a recording that is shown instead of all
+        runs."""
         self.fleet = fleet
         self._recorded = recorded
         self.watched: dict[str, Watched] = {} if recorded is None else {recorded.name: recorded}
         self.pages = 0
         """Number of open pages."""
         self._refused: dict[str, float] = {}
-        """Names of rings that could not be read, and when each is tried again."""
+        """Names of rings that could not be read, each with the time at which it is tried again, in s of the monotonic
+        clock."""
         self._looked = asyncio.Event()
 
     async def run(self) -> None:
@@ -138,13 +140,13 @@ class Feed:
         watched.close()
 
     def _refuse(self, path: Path, error: Exception) -> None:
-        """Leave a ring alone for a while, and say so the first time."""
+        """Do not try to read a ring again for `RETRY_PAUSE` s. The first time, print the error."""
         if path.name not in self._refused and path.exists():
             print(f"umo: {printable(path.name)} is not shown: {printable(text_of(error))}", file=sys.stderr)
         self._refused[path.name] = time.monotonic() + RETRY_PAUSE
 
     async def _look_around(self) -> None:
-        """Read what each run has on the disk, in a thread: pages and clients never wait for that."""
+        """Read the files of each run in a thread, so that pages and clients never wait for the disk."""
         while True:
             for watched in list(self.watched.values()):
                 try:
@@ -163,7 +165,7 @@ class Feed:
 
 
 def _opened(paths: list[Path]) -> list[tuple[Path, Watched | Exception | None]]:
-    """Open rings: each path with its run, None if its processes are gone, or with what is wrong with it."""
+    """Open rings. Return for each path its run, None if the processes of the run are gone, or the error."""
     found: list[tuple[Path, Watched | Exception | None]] = []
     for path in paths:
         try:

@@ -14,14 +14,15 @@ from umo.recording.scope.reduction import Points
 
 
 class OverlaidHistory(ValueHistory):
-    """Two histories on the time of the first one: the second one begins where the first does."""
+    """Two histories on the time of the first one. The second history is shifted so that it begins at the same time as
+    the first."""
 
     def __init__(self, first: RecordedHistory, second: RecordedHistory, columns: int) -> None:
         """`columns`: number of columns of the first history; those of the second one follow."""
         super().__init__(columns + second._columns)
         self._first, self._second, self._split = first, second, columns
         self.shift = first.start - second.start
-        """s that are added to the times of the second one."""
+        """Time in s that is added to the times of the second history."""
 
     @property
     def start(self) -> float:
@@ -71,7 +72,7 @@ class OverlaidHistory(ValueHistory):
 
 
 def _held(points: Points, row: FloatArray, times: FloatArray) -> FloatArray:
-    """A row at other times: as it was last; NaN before its first and after its last point."""
+    """Return a row at other times: at each time its last value; NaN before its first and after its last point."""
     if not len(points.times):
         return np.full(len(times), np.nan)
     places = np.searchsorted(np.round(points.times, 9), times, "right") - 1

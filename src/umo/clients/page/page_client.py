@@ -52,9 +52,9 @@ class PageClient:
         self._visitor = visitor
         self._tell = tell
         self._user = ""
-        """The name that the page gave last, as roles know it."""
+        """The last name that the page gave, in the form in which the file of roles contains it."""
         self._roles = Roles.load()
-        """Read again with each lease."""
+        """The roles, which are read again when the lease is taken."""
         self._who = self._named("")
         if not isinstance(watched.reader, Reader):
             raise FramesError(f"{watched.name}: it takes no commands")
@@ -63,7 +63,7 @@ class PageClient:
         """The holds of the page at its last sign of life."""
         self._touched = 0.0
         self._following: dict[asyncio.Task[None], PendingCommand] = {}
-        """Commands whose end is still to come."""
+        """Commands that have not ended yet."""
         self._ended = False
         self._keeping = asyncio.create_task(self._keep())
 
@@ -105,7 +105,7 @@ class PageClient:
         task.add_done_callback(self._following.pop)
 
     async def _send(self, asked: PendingCommand) -> None:
-        """Send in a thread: the queue may be full, or locked by another client."""
+        """Send a command in a thread, because the queue can be full, or locked by another client."""
         await asyncio.get_running_loop().run_in_executor(SENDERS, asked.send)
 
     async def _follow(self, message: dict[str, Any], asked: PendingCommand) -> None:
@@ -131,8 +131,8 @@ class PageClient:
     # The lease -----------------------------------------------------------------------------------------
 
     def touch(self, held: list[str], number: int) -> None:
-        """Note a sign of life of the page, with its state and holds. A touch with an old state is ignored, because it
-        shows that the connection is slow."""
+        """Record a sign of life of the page, with the state that it answers and the page's holds. A touch with an old
+        state is ignored, because it shows that the connection is slow."""
         if self.watched.number - number > MAX_STATES_BEHIND:
             return
         self._touched = time.monotonic()
@@ -141,16 +141,16 @@ class PageClient:
 
     @property
     def _silent(self) -> float:
-        """s since the last touch."""
+        """Time in s since the last touch."""
         return time.monotonic() - self._touched
 
     def _is_held(self, path: str) -> bool:
-        """True if the page holds it, or has just asked for it."""
+        """True if the page holds the object at this path, or has just requested that."""
         is_new = any(each.path == path and not each.begun for each in self._following.values())
         return self._silent < TOUCH_TIME and (path in self._holds or is_new)
 
     async def _keep(self) -> None:
-        """Renew the lease, and give signs of life for what the page holds, as long as it touches."""
+        """Renew the lease, and give signs of life for the holds of the page, as long as the page sends touches."""
         while not self._ended:
             if self._silent < LEASE_TIME:
                 self._session.keep()

@@ -143,7 +143,7 @@ async def _pieces(texts: Iterator[str]) -> AsyncIterator[str]:
 
 
 def _hashes(html: str) -> str:
-    """The hashes of the scripts in a page, for its policy."""
+    """Return the hashes of the scripts in a page, for the Content-Security-Policy."""
     found = re.findall(r"<script[^>]*>([^<]+)</script>", html)
     return " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in found)
 
@@ -179,8 +179,8 @@ def server(options: Options, ready: Callable[[], None]) -> Server:
 
 
 def _is_of_this_server(record: logging.LogRecord) -> bool:
-    """True if an error is this server's. uvicorn also reports a page's text that is no UTF-8, and at the end the
-    answers that are not finished."""
+    """True if a logged error is one of this server. uvicorn also reports text from a page that is not UTF-8, and, when
+    the server ends, responses that are not finished."""
     unfinished = record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError)
     return not unfinished and not record.getMessage().startswith(FOREIGN_ERRORS)
 

@@ -85,7 +85,7 @@ class Session:
         self._name: str | None = None
         """Name of the run to show, or empty if there is none; None if none is chosen yet."""
         self._place: str | None = None
-        """Folder of its station; None means any."""
+        """Folder of the station of this run; None means any folder."""
         self._watched: Watched | None = None
         self._live: dict[Any, Subscription] = {}
         self._extremes: ExtremesNews | None = None
@@ -134,7 +134,8 @@ class Session:
             await self._send(await in_worker(work))
 
     async def _send_all(self) -> None:
-        """Send what is new after every look at the rings. A slow page gets fewer messages; none waits for it."""
+        """Send new data after every look at the rings. A slow page gets fewer messages, and no other page waits for
+        it."""
         await self._tell(self._server | {"type": "server"})
         while True:
             await self._tell_stations()
@@ -147,7 +148,8 @@ class Session:
             await self._feed.looked()
 
     async def _tell_stations(self) -> None:
-        """The list when it has changed, and the description of a run that is new."""
+        """Send the list of stations if it has changed. If the page shows another run than before, send the description
+        of that run."""
         told = (self._of(watched, watched.line) for watched in list(self._feed.watched.values()))
         lines = [line for line in told if line is not None]
         runs = list(self._feed.watched.values())
@@ -169,7 +171,8 @@ class Session:
                 await self._tell(watched.description())
 
     def _of(self, watched: Watched, tell: Callable[[], T]) -> T | None:
-        """The description of a run. None: its ring is damaged; it is shown no longer, and the others are."""
+        """Return the result of a function that reads a run. If it fails because the run's ring is damaged, drop this
+        run and return None; the other runs are still shown."""
         try:
             return tell()
         except Exception as error:
@@ -177,7 +180,8 @@ class Session:
             return None
 
     async def _tell_fleet(self) -> None:
-        """The table of the fleet, once a second if it has changed, while the page shows no station."""
+        """Send the table of the fleet while the page shows no station: at most once per `FLEET_PAUSE`, and only if it
+        has changed."""
         fleet, now = self._feed.fleet, time.monotonic()
         if fleet is None or self._watched is not None or now < self._fleet_due:
             return
@@ -211,7 +215,7 @@ class Session:
     # From the page -------------------------------------------------------------------------------------
 
     async def _receive(self, text: str) -> None:
-        """Carry out a message of the page; one without meaning is answered by an error."""
+        """Carry out a message of the page. The answer to an invalid message is an error."""
         message: Any = None
         try:
             message = json.loads(text)
@@ -268,7 +272,8 @@ class Session:
             raise BadRequest(f"a page may wait for at most {MAX_REQUESTS} answers") from None
 
     async def _client_on(self, watched: Watched | None) -> PageClient:
-        """The client of this page on the run that it shows; made for its first command."""
+        """Return the client of this page for the run that the page shows. The client is created for the first
+        command."""
         if not self._server.get("operate"):
             raise BadRequest(READ_ONLY)
         if watched is None:

@@ -152,7 +152,7 @@ class Subscription:
         return packed({"id": self.id, "from": -1.0 if first else float(points.times[0])}, points)
 
     def _triggered(self, trigger: Trigger, stop: float) -> bytes | None:
-        """The whole span around the trigger, once it is in the history."""
+        """Return the whole span around the trigger, or None as long as the history does not contain the span."""
         moment = trigger.look(self.span)
         if moment is None:
             self._newest = stop
@@ -220,7 +220,7 @@ def _head(entry: Described) -> str:
 
 
 def _moments(times: Any) -> list[str]:
-    """UTC of some times, such as 2026-11-22T21:30:05.123456Z."""
+    """Return times as text in UTC, such as 2026-11-22T21:30:05.123456Z."""
     return [f"{text}Z" for text in np.datetime_as_string(np.rint(times * 1e6).astype("datetime64[us]"))]
 
 

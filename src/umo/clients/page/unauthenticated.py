@@ -25,7 +25,7 @@ class UnauthenticatedConnections:
 
     def __init__(self) -> None:
         self._addresses: dict[asyncio.Transport, str] = {}
-        """The oldest first."""
+        """The address of each connection, beginning with the oldest connection."""
 
     def enter(self, transport: asyncio.Transport) -> None:
         """Add a new connection, which must show the token within `TOKEN_TIMEOUT`."""
@@ -58,7 +58,7 @@ class HttpConnection(H11Protocol):
         self._socket: asyncio.Transport | None = None
         self._handshake: asyncio.Task[None] | None = None
         self._early = b""
-        """Bytes that came together with the end of the handshake."""
+        """Bytes that arrived together with the end of the handshake."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         self._socket = transport
@@ -70,7 +70,8 @@ class HttpConnection(H11Protocol):
             self._handshake = asyncio.create_task(self._begin_tls(transport, self._context))
 
     async def _begin_tls(self, transport: asyncio.Transport, context: ssl.SSLContext) -> None:
-        """The handshake is part of the visit: `UnauthenticatedConnections` count it, and end it."""
+        """Carry out the handshake of TLS. Meanwhile the connection is one of the `UnauthenticatedConnections`, which
+        may end it."""
         try:
             secured = await self.loop.start_tls(
                 transport, self, context, server_side=True, ssl_handshake_timeout=TOKEN_TIMEOUT
@@ -96,7 +97,7 @@ class HttpConnection(H11Protocol):
             super().connection_lost(exc)
 
     def welcome(self) -> None:
-        """Note that the token was shown, so the connection may stay open."""
+        """Record that the token was shown, so that the connection may stay open."""
         if self._socket is not None:
             self._strangers.leave(self._socket)
 

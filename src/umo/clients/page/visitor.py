@@ -72,8 +72,8 @@ async def visitor_of(scope: Scope, token: PageToken, is_proxied: bool) -> Visito
 
 
 def _told_address(headers: Headers) -> str:
-    """The last address in the headers of proxies, which is that of the nearest one; empty if there is none, or if the
-    two headers differ, because one of them may come from the visitor."""
+    """Return the last address in the headers of proxies, which the nearest proxy has added. Return "" if there is no
+    address. Return "" also if the two headers differ, because the visitor may have sent one of them."""
     elements = ",".join(headers.getlist("forwarded")).rpartition(",")[2].split(";")
     pairs = (element.partition("=") for element in elements)
     told = {

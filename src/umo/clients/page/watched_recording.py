@@ -46,7 +46,8 @@ class WatchedRecording(Watched):
         second: Recording | None = None,
         station: Station | None = None,
     ) -> None:
-        """`station`: whose twin is drawn; None means the one that ships or is installed under the recorded name."""
+        """`station`: the station whose twin is drawn. None means the station that ships with umo or is installed under
+        the recorded name."""
         self._station, self._given = station, station is not None
         self._recordings = [recording, *([] if second is None else [second])]
         self._run = RecordingReader(recording)
@@ -74,15 +75,15 @@ class WatchedRecording(Watched):
         self.position = self.history.stop
         """The time that is shown, s on the machine's clock."""
         self._asked: float | None = None
-        """The time that a page has asked for last."""
+        """The time that a page has requested last."""
         self._answered: float | None = None
-        """The one that was asked for when `read` last showed a time."""
+        """The requested time that `read` has shown last."""
         self._shown_at: float | None = None
         self.read()
 
     def _twin_place(self) -> Path | None:
-        """Return the place of the given station, or of the one that ships or is installed: a recording does not contain
-        code."""
+        """Return the place of the given station, or else of the station that ships with umo or is installed under the
+        recorded name. A recording itself contains no code."""
         job = self._recordings[0].job
         if self._station is None and not job.get("machine") and (folder := packaged(str(job.get("station")))):
             self._station = Station(str(job["station"]), folder)
@@ -97,7 +98,7 @@ class WatchedRecording(Watched):
         return super().own_twin()
 
     def _lay_over(self, other: Recording, tell: Callable[[float], None]) -> None:
-        """Have the objects and signals of another recording as signals of this one."""
+        """Add the objects and signals of another recording to this one as signals."""
         seen = _Seen(other)
         self._second = RecordedHistory(other, seen.add, tell)
         self.history = self._overlaid = OverlaidHistory(self._frames, self._second, len(self.entries))
@@ -164,7 +165,7 @@ class WatchedRecording(Watched):
         return facts | {"state": "recorded"}
 
     def _events(self) -> list[dict[str, Any]]:
-        """The latest events of the whole recording, as plain data."""
+        """Return the last events of the whole recording, as plain data."""
         found = [each.event for each in self._recordings[0].events[-MAX_TOLD:]]
         return [each._asdict() | {"state": str(each.state)} for each in found]
 
@@ -191,13 +192,13 @@ class WatchedRecording(Watched):
 
 
 def _as_second(about: Described) -> Described:
-    """An object or a signal of the other recording as a signal of this one."""
+    """Return an object or a signal of the other recording as a signal of this recording."""
     kept = {name: fact for name, fact in about.plain.items() if name not in ("kind", "actuator", "wire")}
     return Described(kept | {"path": f"{SECOND}.{about.path}", "second": True})
 
 
 class _Seen:
-    """The extremes and the missed periods of a recording, as far as it was read."""
+    """The extremes and the missed periods in the blocks of a recording that were read so far."""
 
     def __init__(self, recording: Recording) -> None:
         self.extremes = Extremes(len(recording.layout.objects), len(recording.layout.signals))

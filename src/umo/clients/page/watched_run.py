@@ -64,7 +64,7 @@ class Watched:
         self.extremes = self._new_extremes()
         """The extremes since this server has followed the run."""
         self._more_extremes: list[Extremes] = []
-        """The extremes that pages have started again."""
+        """The extremes that were started anew for pages."""
         self.twin_place = self._twin_place()
         """The folder of the station whose twin is drawn, or None if there is none on this computer."""
         own = self.twin_place is not None and declares_twin(self.twin_place)
@@ -73,7 +73,7 @@ class Watched:
         self.number = 0
         """Number of the state; the next state is made when a page requests one."""
         self._taken = 0
-        """The number of the state that was made last."""
+        """The number of the last state that was made."""
         self.box = BoxInWords()
         """The newest black box of this run."""
         self.changed = ""
@@ -81,9 +81,9 @@ class Watched:
         self.ending: Ending | None = None
         """End of the run, or None if it has not ended, or its end is still being found out."""
         self.over = False
-        """The run has ended, and all its frames are read."""
+        """True if the run has ended and all its frames were read."""
         self._ended = 0.0
-        """Time at which that was seen, s."""
+        """Time in s at which it was noticed that the run is over."""
         self._frame: Any = reader.latest()
         self._good = np.full(len(reader.layout.objects), np.nan)
         self._heard = time.monotonic()
@@ -91,15 +91,15 @@ class Watched:
         self._changed: dict[int, Any] = {}
         self._texts: dict[bool, str] = {}
         self._event = self._missed = 0
-        """Number of the next event, and of missed periods, when the state was made."""
+        """The number of the next event and the number of missed periods when the state was made."""
         self._new_events = self._new_misses = False
         self._last_event: Event | None = None
-        """Event of the end, or None if it told none."""
+        """Event of the end of the run, or None if there is none."""
         self._troubled: tuple[Any, ...] = ()
-        """The states and the number of the next event with which `_troubles` was made."""
+        """The states, and the number of the next event, from which `_troubles` was made."""
         self._troubles: dict[str, Any] = {}
         self._misses: deque[tuple[float, int]] = deque(maxlen=MAX_EVENTS)
-        """The last periods before which others were missed: when, and how many."""
+        """The last periods before which periods were missed, each with its time and the number of missed periods."""
 
     def _twin_place(self) -> Path | None:
         return None if self.is_elsewhere else place_of(self.reader.layout)
@@ -171,7 +171,7 @@ class Watched:
         )
 
     def _take_state(self) -> None:
-        """Make the state of this number: what has changed since the one that was made before."""
+        """Make the state with the present number: the values that have changed since the previous state."""
         self._taken = self.number
         shown = self._values()
         before = self._shown if len(self._shown) == len(shown) else [None] * len(shown)
@@ -183,8 +183,8 @@ class Watched:
         self._new_misses, self._missed = now.missed != self._missed, now.missed
 
     def state(self, full: bool) -> str:
-        """Return the state as JSON: all values, or those that have changed since the last number. It is made only once
-        for all pages."""
+        """Return the state as JSON: all values, or those that have changed since the last number. The text is made only
+        once for all pages."""
         if self._taken != self.number:
             self._take_state()
         if full not in self._texts:
@@ -208,7 +208,7 @@ class Watched:
         return told | {"facts": self._facts()} | self._clients()
 
     def _facts(self) -> dict[str, str]:
-        """Facts of the run as text, or empty if there is nothing to say."""
+        """Return the facts of the run as text. A fact is "" if there is nothing to report."""
         reader, frame = self.reader, self._frame
         facts = {"station": reader.title, "state": "", "end": self.ending.text if self.ending else ""}
         facts |= {"control" if name == "lease" else name: text for name, text in reader.facts(frame).items()}
@@ -218,7 +218,8 @@ class Watched:
         return facts | {"pid": str(self.about["pid"])}
 
     def _clients(self) -> dict[str, Any]:
-        """Mode, lease and tunable numbers, if the station takes commands; which actuators are inhibited or taken."""
+        """Return faults, alarms, and the actuators that are inhibited or taken. If the station takes commands, also
+        return the mode, the lease and the tunable numbers."""
         reader, frame = self.reader, self._frame
         told: dict[str, Any] = {}
         if frame is not None:
@@ -240,7 +241,7 @@ class Watched:
         return [each._asdict() | {"state": str(each.state)} for each in found]
 
     def _values(self) -> list[Any]:
-        """Value, raw and quality of each object, and the value of each signal. None: no value."""
+        """Return value, raw integer and quality of each object, and the value of each signal. None means no value."""
         if self._frame is None:
             return []
         frame = self._frame
@@ -248,7 +249,8 @@ class Watched:
         return [*map(list, objects), *([value] for value in _plain(frame["signals"]))]
 
     def _ages(self) -> dict[int, float | None]:
-        """Ages of the values that are not new: s since the device gave one, or None if it never did."""
+        """Return the ages of the values that are not new: the time in s since the device returned a value, or None if
+        it never did."""
         if self._frame is None:
             return {}
         old = np.flatnonzero(self._frame["quality"] >= Quality.STALE)
@@ -262,7 +264,8 @@ class Watched:
         return told | self._trouble() | ({} if self.ending is None else {"ending": self.ending._asdict()})
 
     def _trouble(self) -> dict[str, Any]:
-        """The problems of an active run as text; made when the states, or the events with the reasons, change."""
+        """Return the problems of an active run as text. The text is made anew when the states, or the events with the
+        reasons, change."""
         frame = self._frame
         if frame is None or self.ended:
             return {}
@@ -307,11 +310,11 @@ def described_twin(watched: Watched, ask: Callable[[str], dict[str, Any] | None]
 
 
 def _alarm(row: AlarmRow) -> dict[str, Any]:
-    """An alarm, and which verbs do something with it."""
+    """Return an alarm with the verbs that can be applied to it now."""
     told = row._asdict() | {"state": str(row.state), "priority": str(row.priority), "text": printable(row.text)}
     return told | {"annunciated": row.annunciated, "asks": row.asks, "verbs": row.verbs}
 
 
 def _plain(numbers: Any) -> list[float | None]:
-    """Without NaN and infinities, which JSON does not have."""
+    """Return numbers with None instead of NaN and infinities, which JSON does not have."""
     return [value if np.isfinite(value) else None for value in numbers.tolist()]

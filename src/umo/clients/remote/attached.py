@@ -118,7 +118,7 @@ class RemoteStation(Commander, RemotePart):
     def acknowledge(self, path: str = "") -> bool:
         """Acknowledge latched interlocks of an object or compound, or, with "", of the machine, so that the actuators
         they inhibit can be written again. Returns False if none was latched. Raises CommandRefused while the condition
-        of one still holds. Needs the lease; possible in any mode."""
+        of one of these interlocks still holds. Needs the lease; possible in any mode."""
         return self.carry_out(ACKNOWLEDGE, path) is None
 
     @property
@@ -156,8 +156,8 @@ class RemoteStation(Commander, RemotePart):
         return str(self.carry_out(RESET_ALARM, path))
 
     def shelve(self, path: str, time: str | float) -> str:
-        """Shelve alarms for a time in s, or a time such as "10 min", of at most 7 days. Raises RangeError for another
-        time."""
+        """Shelve alarms. `time` is a number of s, or a text such as "10 min"; at most 7 days. Raises RangeError for any
+        other time."""
         return str(self.carry_out(SHELVE, path, {"time": time}))
 
     def unshelve(self, path: str) -> str:

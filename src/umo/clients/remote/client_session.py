@@ -63,13 +63,13 @@ class ClientSession:
     ) -> None:
         self.reader = reader
         self.lease = 0
-        """The number of the lease that it has taken, or 0 if there is none."""
+        """The number of the lease that the client has taken, or 0 if it has taken none."""
         self.held: dict[str, Hold] = {}
         """The holds, by path."""
         self._seconds, self._wake, self.clock = LEASE_TIME, wake, clock
         self._key = secrets.token_hex(8)
         self._cells: ClientMemory | None = None
-        """The machine's cells, from the first command on."""
+        """The machine's cells; None before the first command."""
         self._sender: Sender | None = None
         self._dead_man = {str(each["path"]) for each in reader.layout.actions if each.get("dead_man")}
         self._expires = {each.path: each.expires for each in reader.layout.described.objects if each.is_actuator}
@@ -123,14 +123,15 @@ class ClientSession:
         return min(DEAD_MAN_TIME, self._expires.get(path) or DEAD_MAN_TIME)
 
     def _send(self, command: dict[str, Any]) -> int:
-        """Its number. Raises CommandRefused if the queue is full, FramesError if the run has ended."""
+        """Send a command, and return its number. Raises CommandRefused if the queue is full, and FramesError if the run
+        has ended."""
         cells = self._open_cells()
         if self._sender is None:
             self._sender = Sender(self.reader, cells)
         return self._sender.send(command)
 
     def _open_cells(self) -> ClientMemory:
-        """Raise FramesError if the station has ended or takes no commands."""
+        """Return the machine's cells. Raises FramesError if the station has ended or takes no commands."""
         reader = self.reader
         if not self.running:
             raise FramesError(f"{reader.about['station']} has ended")
@@ -205,7 +206,7 @@ class PendingCommand:
 
     def __init__(self, session: ClientSession, command: dict[str, Any], hold: Hold | None, before: Hold | None) -> None:
         self.number = 0
-        """The number that its events have, or 0 if it is not sent yet."""
+        """The number of the command in the machine's events, or 0 if the command is not sent yet."""
         self.begun = False
         """True if an action has begun and not yet ended."""
         self.end: Event | None = None
@@ -214,7 +215,7 @@ class PendingCommand:
         self._next = session.reader.now().next_event
         self._limit = max(ANSWER_TIMEOUT, 5 * session.reader.about["period"])
         self._sent = 0
-        """Time at which it was sent, ns."""
+        """Time at which the command was sent, in ns."""
 
     def send(self) -> None:
         """Send the command. Raises CommandRefused if the queue stays full for a second, or if the command is malformed.

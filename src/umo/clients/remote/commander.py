@@ -108,8 +108,8 @@ class HeldLease:
     """`with station.lease("commissioning"):`. Only the holder of the lease commands the station.
 
     A thread renews the lease and the holds (`ClientSession.keep`), until the block ends. If this process dies, the
-    lease ends after `seconds`, and the actuators that it held go to their defaults. Raises RangeError for a number of
-    `seconds` that a lease may not last.
+    lease ends after `seconds`, and the actuators that it held go to their defaults. Raises RangeError if `seconds` is
+    not from 0.2 to 60.
     """
 
     def __init__(self, station: Commander, who: str, seconds: float, over: bool) -> None:

@@ -29,7 +29,7 @@ class LiveView:
     ended, until `stop()`, or until this program ends."""
 
     def __init__(self, reader: Reader, make: Callable[[Reader], Draw]) -> None:
-        """`make` is called with a reader of its own, which the thread uses and closes."""
+        """`make` is called with a separate reader, which only the thread uses and closes."""
         display = _display()
         self.station = str(reader.about["station"])
         if reader.closed or reader.state is Stage.ENDED:
@@ -85,14 +85,15 @@ class LiveView:
         return {"text/html": html, "text/plain": repr(self)}
 
     def _ipython_display_(self) -> None:
-        """Show nothing as the last expression of a cell: it is displayed already."""
+        """Display nothing if the view is the last expression of a cell, because the picture is already displayed."""
 
     def __repr__(self) -> str:
         return f"<live view of {self.station}>"
 
 
 def _display() -> Any:
-    """IPython's; FramesError outside of a notebook: a terminal would print every picture."""
+    """Return the function `display` of IPython. Raises FramesError outside of a notebook, because a terminal would
+    print every picture."""
     try:
         from IPython import get_ipython
         from IPython.display import display

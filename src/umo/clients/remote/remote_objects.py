@@ -194,7 +194,8 @@ class RemoteObject:
 
 
 def _caller(station: Commander, action: dict[str, Any]) -> Callable[..., Any]:
-    """Calls an action and waits for its end; of a dead-man action with `release`: `station.z.jog.release()`."""
+    """Return a function that calls an action and waits for its end. For a dead-man action, the function has the
+    attribute `release`: `station.z.jog.release()`."""
     arguments = action["arguments"]
     path = action["path"]
     signature = Signature([_parameter(each) for each in arguments])

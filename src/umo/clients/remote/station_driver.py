@@ -124,7 +124,7 @@ class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortFor
     # The other station ---------------------------------------------------------------------------------
 
     def _found(self) -> Reader | None:
-        """Its frames; None while it does not run."""
+        """Return the reader of the other station's frames, or None while the station does not run."""
         if self._reader is not None and self._reader.alive:
             return self._reader
         now = monotonic()
@@ -153,7 +153,8 @@ class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortFor
         return frame
 
     def _raw(self, channel: Published, frame: Any) -> tuple[int, float]:
-        """The raw integer of a value, and its age in s."""
+        """Return the raw integer of a value, and the value's age in s. Raises DriverError if the value cannot be
+        used."""
         name = f"{channel.path} of {self._station}"
         place = self._places.get(channel.path)
         if place is None:
@@ -184,14 +185,16 @@ class _Place(NamedTuple):
     number: int
     binary: bool
     equipment: Sequence[int]
-    """Places of the equipment around a signal: in fault, its laws do not act. An object has its own quality."""
+    """Places of the equipment that contains a signal. If the equipment is in fault, the signal is not used, because the
+    laws of the equipment do not act. Empty for an object, which has a quality."""
     rate: tuple[int, int, float]
-    """Periods and phase of the part, and the period in s: in between its values are as old as they are."""
+    """The number of periods from one execution of the part to the next, the phase of the part, and the period in s.
+    Between two executions the values of the part grow older."""
     why: str = ""
-    """The reason why it is not used; empty if it is."""
+    """The reason why the value cannot be used; "" if it can."""
 
     def held(self, number: int) -> float:
-        """Age in s of the value in the frame of this number."""
+        """Return the age in s that the value has in the frame with this number."""
         every, phase, period = self.rate
         return (number - phase) % every * period
 

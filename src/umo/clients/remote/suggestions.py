@@ -37,7 +37,7 @@ def with_nearest(event: Event, layout: Layout) -> Event:
 
 
 def _known(event: Event, layout: Layout) -> Iterator[str]:
-    """The names that might have been meant."""
+    """Yield the names that the client may have meant."""
     do = next((each for each in sorted(VERBS, key=len, reverse=True) if event.asked.startswith(each)), "")
     if not do:
         yield from VERBS
@@ -59,14 +59,14 @@ def _known(event: Event, layout: Layout) -> Iterator[str]:
 
 
 def _named(values: Sequence[Described], path: str) -> Iterator[str]:
-    """The names of the states of the object at this path; if there is none, all paths."""
+    """Yield the names of the states of the object at this path; if there is no such object, yield all paths."""
     found = next((each for each in values if each.path == path), None)
     yield from (each.path for each in values) if found is None else found.states.values()
 
 
 def _of_action(event: Event, layout: Layout) -> Iterator[str]:
-    """The arguments of an action, their choices, and the recipes of its book; if there is no such action, the paths of
-    all."""
+    """Yield the arguments of an action, their choices, and the recipes of its book. If there is no such action, yield
+    the paths of all actions."""
     if event.path.rpartition(".")[2] in EXPERIMENTS:  # on a law, which no list shows
         yield from _with_parents((*layout.objects, *layout.signals, *layout.tunables))
         return
@@ -82,7 +82,7 @@ def _of_action(event: Event, layout: Layout) -> Iterator[str]:
 
 
 def _with_parents(entries: tuple[Mapping[str, Any], ...]) -> Iterator[str]:
-    """The paths, and those of the compounds around them."""
+    """Yield the paths of the entries, and the paths of the compounds that contain them."""
     for entry in entries:
         parts = entry["path"].split(".")
         yield from chain((entry["path"],), (".".join(parts[:count]) for count in range(1, len(parts))))

@@ -6,7 +6,8 @@ from umo.process.frames.layout import NAME
 from umo.text import printable
 
 UNVERIFIED = ", unverified"
-"""The suffix of a name that is not proved. It stands before the brackets that say by which way the command came."""
+"""The suffix of a name that is not proved. It stands before the brackets that name the way by which the command
+came."""
 
 
 def is_unverified(who: str) -> bool:

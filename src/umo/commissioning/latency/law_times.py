@@ -62,7 +62,7 @@ def _median(compiled: bool) -> float:
 
 
 def _period(m: Example) -> int:
-    """The ns that the laws take."""
+    """Run one period, and return the time in ns that the laws take."""
     m.timer.read()
     m.sample()
     begun = perf_counter_ns()

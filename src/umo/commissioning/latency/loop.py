@@ -103,7 +103,7 @@ class Loop:
         return Slice.of(self._here.recv_bytes())
 
     def _await(self, limit: float) -> None:
-        """Wait for the next answer. DriverError after `limit` s: it may be stopped."""
+        """Wait for the next answer. Raises DriverError after `limit` s, because the process may have been stopped."""
         if not self._here.poll(limit):
             self._process.kill()
             raise DriverError(f"the measuring process has not answered for {limit:g} s; it may have been stopped")

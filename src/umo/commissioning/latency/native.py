@@ -40,10 +40,10 @@ class Slice(NamedTuple):
     """The times of some periods of a loop, in ns."""
 
     times: npt.NDArray[np.int64]
-    """An array of shape (periods, 2) with the delay of waking up and the duration of the work; -1 for ticks that passed
-    meanwhile."""
+    """An array of shape (periods, 2) with the delay of waking up and the duration of the work. Both are -1 for a tick
+    that was missed."""
     processor: int
-    """The processor time."""
+    """The processor time in ns."""
     elapsed: int
 
     @classmethod

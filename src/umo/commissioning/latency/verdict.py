@@ -78,7 +78,7 @@ def recommend(found: Measured) -> str:
 
 
 def _release() -> tuple[int, ...]:
-    """The kernel's release, such as (6, 12)."""
+    """Return the release of the kernel, such as (6, 12)."""
     return tuple(int(part) for part in re.findall(r"\d+", platform.release())[:2])
 
 
@@ -97,8 +97,8 @@ def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | Non
         )
     if not is_built():
         lines.append(
-            "umo's extension in C is not built, so its periods take longer, and two writers of one actuator are "
-            "looked for in 3 of 1,000 periods: apt-get install gcc python3-dev, "
+            "umo's extension in C is not built, so its periods take longer, and only 3 of 1,000 periods are "
+            "checked for two writers of one actuator: apt-get install gcc python3-dev, "
             "then install umo again (pip install --force-reinstall --no-deps --no-cache-dir)"
         )
     governor = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()

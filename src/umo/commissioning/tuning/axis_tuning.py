@@ -41,7 +41,7 @@ class AxisModel:
     friction: float
     """Output that overcomes dry friction."""
     offset: float
-    """The output that holds the axis, for example against gravity."""
+    """The output that holds the axis at rest, for example against gravity."""
 
     @property
     def feed_forward(self) -> float:
@@ -97,7 +97,7 @@ def _position(velocity: ProcessModel) -> ProcessModel:
 
 
 def _smoothed(response: MeasuredResponse) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Velocity, acceleration and output (Savitzky and Golay, Anal. Chem. 36, 1964)."""
+    """Return the smoothed velocity, acceleration and output (Savitzky and Golay, Anal. Chem. 36, 1964)."""
     from scipy.signal import savgol_filter
 
     dt = response.dt

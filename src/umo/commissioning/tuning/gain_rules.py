@@ -30,7 +30,7 @@ SHORTEST_DEAD_TIME = 0.01
 """The least dead time, as a share of the longest lag. A shorter dead time is raised to this value, because unmodelled
 effects are as large."""
 CLEAR_SECOND_LAG = 0.2
-"""Second lag, as a share of the longest one, from which on a set has a derivative."""
+"""Smallest second lag, as a share of the longest lag, for which a set has a derivative."""
 FILTER_SHARE = 0.1
 """The filter's time constant is this share of the derivative time."""
 SLOWER = 0.95
@@ -71,8 +71,9 @@ def gain_sets(
 
 
 def _slower(gains: Gains, times: int, models: SampledModels) -> Gains:
-    """Return gains that are smaller by a factor, with an integral time that is longer by it; by its square around an
-    integrator, as its gain may be smaller too."""
+    """Return gains that are smaller by a factor, with an integral time that is longer by the same factor. For an
+    integrating process the integral time is longer by the square of the factor, because a smaller gain makes such a
+    loop less damped."""
     factor = SLOWER**times
     longer = factor**2 if models.integrate else factor
     return replace(gains, gain=gains.gain * factor, integral_time=gains.integral_time / longer)
@@ -115,13 +116,14 @@ def _gains(model: ProcessModel, dt: float, name: str, factor: float, derivative:
 
 
 def _shortest(model: ProcessModel, dt: float) -> float:
-    """The dead time for the rules, with half a period for the sampling; an inverse response counts as one."""
+    """Return the dead time for the rules. It includes half a period for the sampling, and the time of an inverse
+    response."""
     dead_time = model.dead_time + dt / 2 + max(-model.zero, 0.0)
     return max(dead_time, SHORTEST_DEAD_TIME * max(model.lags, default=0.0))
 
 
 def _second_lag(model: ProcessModel) -> float:
-    """The lag that a derivative answers, or 0 if there is none."""
+    """Return the lag that a derivative compensates, or 0 if there is none."""
     if model.integrates and model.lags and not model.structure.oscillates:
         return model.lags[0]
     if len(model.lags) == 2 and model.lags[1] > CLEAR_SECOND_LAG * model.lags[0]:
@@ -130,8 +132,9 @@ def _second_lag(model: ProcessModel) -> float:
 
 
 def _reduced(model: ProcessModel, dead_time: float) -> tuple[float, float, float]:
-    """Slope, lag and dead time of a first order that stands for it: half of the second lag is a dead time (Skogestad's
-    half rule). A zero shortens the last lag; a zero longer than the lag makes the response correspondingly quicker."""
+    """Return slope, lag and dead time of a first-order model that replaces this model. Half of the second lag counts as
+    dead time (Skogestad's half rule). A zero shortens the last lag; a zero longer than the lag makes the response
+    correspondingly quicker."""
     if model.structure.oscillates:
         lag = 2.0 * model.damping * model.lags[0]
         if model.integrates:
@@ -156,7 +159,7 @@ def _simc(slope: float, lag: float, dead_time: float, closed: float) -> Gains:
 def _simc_with_derivative(
     model: ProcessModel, second: float, dead_time: float, factor: float, dt: float
 ) -> tuple[str, Gains]:
-    """The series form of the rule, as the parallel form of `PID`."""
+    """Return the gains of the series form of the rule, converted to the parallel form of `PID`."""
     lag = inf if model.integrates else model.lags[0]
     series = _simc(model.slope, lag, dead_time, factor * dead_time)
     ratio = 1.0 + second / series.integral_time

@@ -61,14 +61,15 @@ class Identified:
 
     model: ProcessModel
     as_good: tuple[ProcessModel, ...]
-    """The models at the border of the region of those that describe the response as well as the best model. The first
-    is `model`."""
+    """Models that describe the response about as well as the best model: `model` itself, then models at the border of
+    their region."""
     fit: float
     """The fit in per cent: 100 (1 - |error| / |measurement - mean|)."""
     unexplained: float
-    """The part that no model describes, without the noise, as a share of the spread of the measurement, per cent."""
+    """The part of the response that neither a model nor noise describes, in per cent of the spread of the
+    measurement."""
     bend: float
-    """The share by which the gain depends on the amplitude and that noise cannot explain."""
+    """The relative change of the gain with the amplitude, or 0 if noise can explain it."""
     predicted: FloatArray
     """The measurements that the model predicts."""
     duration: float
@@ -110,7 +111,7 @@ def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(STRUCTURES
 
 
 def _allowance(parameters: int, independent: float) -> float:
-    """Return the share by which a sum of squares may exceed the least (Seber and Wild, Nonlinear Regression, 1989,
+    """Return the share by which a sum of squares may exceed the least sum (Seber and Wild, Nonlinear Regression, 1989,
     section 5.3)."""
     from scipy.stats import f
 
@@ -119,8 +120,8 @@ def _allowance(parameters: int, independent: float) -> float:
 
 
 def _independent_share(residuals: FloatArray) -> float:
-    """Share of residuals that count as independent: 1 over the sum of their correlations, until the first that is
-    negative (Geyer, Statistical Science 7, 1992)."""
+    """Return the share of residuals that count as independent. It is 1 divided by the sum of their correlations up to
+    the first negative one (Geyer, Statistical Science 7, 1992)."""
     energy = float(residuals @ residuals)
     if not energy:
         return 1.0
@@ -135,7 +136,7 @@ def _independent_share(residuals: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class _Solution:
-    """The solution for one dead time and set of lags."""
+    """The solution for one dead time and one set of lags."""
 
     model: ProcessModel
     predicted: FloatArray
@@ -149,8 +150,8 @@ class _Solution:
 
 @dataclass(frozen=True)
 class _Fit:
-    """The best model of one kind. `start`: what was searched; `axes`: the main axes of the region around it, in rows,
-    each as long as the sum of squares grows by 1 at first."""
+    """The best model of one kind. `start`: the values that were found for the searched parameters. `axes`: the main
+    axes of the region around `start`, one per row; along the length of an axis the sum of squares grows by about 1."""
 
     kind: str
     response: MeasuredResponse
@@ -182,7 +183,7 @@ class _Fit:
         return 100.0 * float(np.sqrt(max(left, 0.0) / max(spread, 1e-300)))
 
     def region(self, limit: float) -> Iterator[ProcessModel]:
-        """Models at the border of the region below this sum of squares."""
+        """Yield models at the border of the region in which the sum of squares is below this limit."""
         room = limit - self.cost
         if room < 0.0:
             return
@@ -198,8 +199,8 @@ class _Fit:
 
     @property
     def _gain_alone(self) -> float:
-        """Return by how much the sum of squares grows if the gain is twice as large, and only the disturbances are
-        adapted."""
+        """Return the growth of the sum of squares if the gain is doubled and only the disturbances are adapted to
+        it."""
         unit = replace(self.model, gain=1.0, zero=0.0)
         known, small = _columns(unit, self.response)
         driven = np.concatenate([self.model.response(self.response.outputs, self.response.dt), np.zeros(small)])
@@ -207,7 +208,7 @@ class _Fit:
         return max(float(left @ left), 1e-300)
 
     def _border(self, direction: FloatArray, reach: float, limit: float) -> ProcessModel:
-        """The model furthest in this direction."""
+        """Return the model that is furthest from the best model in this direction and still within the limit."""
         low, high = _bounds(self.kind)
         inside, outside, found = 0.0, 0.0, self.model
         for _ in range(HALVINGS):
@@ -248,8 +249,9 @@ def fit_model(kind: str, response: MeasuredResponse, sign: float = 0.0) -> _Fit 
 
 
 def _is_plausible(model: ProcessModel, response: MeasuredResponse, sign: float) -> bool:
-    """True if its gain has this sign (0: any), and the samples can show it: with a zero that is longer than the
-    response an integrator is drift, and a resonance has some samples in each period."""
+    """True if the gain of a model has this sign (0 means any sign), and the samples can show such a model. They cannot
+    distinguish an integrator with a zero longer than the response from drift, and a resonance needs some samples in
+    each of its periods."""
     drifts = model.integrates and abs(model.zero) > response.duration
     too_fast = model.structure.oscillates and model.lags[0] < response.dt
     return model.gain * (sign or model.gain) > 0.0 and not (drifts or too_fast)
@@ -296,14 +298,15 @@ def _least_squares(known: FloatArray, wanted: FloatArray) -> FloatArray:
 
 
 def _left_by(known: FloatArray, wanted: FloatArray) -> FloatArray:
-    """The part of a column that the others do not explain."""
+    """Return the part of the column `wanted` that the columns in `known` do not explain."""
     left: FloatArray = wanted - known @ _least_squares(known, wanted)
     return left
 
 
 def _columns(unit: ProcessModel, response: MeasuredResponse) -> tuple[FloatArray, int]:
-    """Return the linear columns, the response of the model of gain 1 first; below it a row for each of the last
-    columns, which keeps them small; and their number."""
+    """Return the columns of the linear parameters, and the number of parameters that are kept small. The first column
+    is the response of the model of gain 1. The parameters that are kept small have the last columns, and each of them
+    has an additional row at the bottom."""
     dt, times = response.dt, response.times
     driven = [unit.response(response.outputs, dt)]
     if unit.structure.has_zero:
@@ -319,8 +322,8 @@ def _columns(unit: ProcessModel, response: MeasuredResponse) -> tuple[FloatArray
 
 
 def _bend(fit: _Fit) -> tuple[float, float]:
-    """The share by which the gain depends on the amplitude, and its standard deviation: what the square of the change
-    of the output adds to the response, for the largest change (a Hammerstein model)."""
+    """Return the relative change of the gain at the largest change of the output, and its standard deviation. It is
+    found from the part that the square of the change of the output adds to the response (a Hammerstein model)."""
     response = fit.response
     unit = replace(fit.model, gain=1.0)
     change = response.outputs - response.outputs[0]
@@ -341,7 +344,7 @@ def _bend(fit: _Fit) -> tuple[float, float]:
 
 
 def _small_states(model: ProcessModel, times: FloatArray) -> list[FloatArray]:
-    """The free responses of a process that was not at rest when it began."""
+    """Return the free responses of a process that was not at rest when the response began."""
     found = []
     for pole in model.poles:
         if pole.real < 0.0 and pole.imag >= 0.0:
@@ -351,7 +354,7 @@ def _small_states(model: ProcessModel, times: FloatArray) -> list[FloatArray]:
 
 
 def _unknown_states(model: ProcessModel, times: FloatArray) -> list[FloatArray]:
-    """Return the unknown states; of an unstable model the state at the end."""
+    """Return the responses to the unknown states of an unstable model, each scaled to 1 at the end."""
     return [np.exp(pole.real * (times - times[-1])) for pole in model.poles if pole.real > 0.0]
 
 
@@ -371,7 +374,7 @@ def _bounds(kind: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _starts(kind: str, response: MeasuredResponse, sign: float) -> list[FloatArray]:
-    """The best points of a grid with a gain of this sign."""
+    """Return the best points of a grid, of those that give a gain of this sign."""
     points = list(_grid(kind))
     found = [
         (solution.cost, place)

@@ -77,8 +77,8 @@ def experiment(
 def moves(
     station: RunningStation, facts: LawFacts, distance: float, show: Callable[[], object] = lambda: None
 ) -> MeasuredResponse:
-    """Move an axis by this distance and back, twice, under the lease. Raises RangeError if the distance does not fit in
-    the range of the axis, and the errors of `move_to`."""
+    """Move an axis by this distance and back, twice, under the lease. Raises RangeError if the move would leave the
+    range of the axis, and the errors of `move_to`."""
     axis = facts.law.rpartition(".")[0]
     start = float(station[facts.sensor].read())
     low, high = next(each for each in station.reader.layout.described.objects if each.path == facts.sensor).bounds

@@ -21,8 +21,8 @@ DECADES = 9
 
 
 MOST_UNTURNED = 0.3
-"""The largest permitted difference, in half turns, between the sum of a loop's turns and the criterion. There is a
-difference because the loop is not evaluated below the lowest frequency."""
+"""The largest permitted difference, in half turns, between the turns of a loop and the turns that the criterion
+requires. The two differ because the loop is not evaluated below the lowest frequency."""
 Indices = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
@@ -53,10 +53,11 @@ class LoopMargins:
     margin is 0 or less."""
 
     gain: float
-    """The factor by which the gain may grow, or by which it must not fall if this factor is smaller; infinite if every
-    gain is stable."""
+    """The factor by which the gain can grow until the loop is unstable, or by which it can fall if that factor is
+    smaller; infinite if the loop is stable with every gain."""
     phase: float
-    """The degrees by which the phase may fall; infinite if the gain of the loop is below 1 everywhere."""
+    """The number of degrees by which the phase can fall until the loop is unstable; infinite if the gain of the loop is
+    below 1 at all frequencies."""
     crossover: float = 0.0
     """The highest frequency at which the gain of the loop is 1, rad/s, or 0 if there is none."""
 
@@ -110,8 +111,8 @@ class SampledModels:
         return LoopMargins(gain_margin, phase_margin, float(crossover.max()))
 
     def _are_stable(self, loops: Complex, gains: Gains) -> bool:
-        """True if each loop goes around -1 as often as it has unstable poles (Nyquist). From the lowest frequency to
-        the highest 1 + loop turns by pi for each of them, and by pi / 2 for each integrator."""
+        """True if each loop encircles -1 as often as it has unstable poles (Nyquist). From the lowest to the highest
+        frequency, the number 1 + loop must turn by pi for each unstable pole, and by pi / 2 for each integrator."""
         turned = np.unwrap(np.angle(1.0 + loops), axis=1)
         turns = (turned[:, -1] - turned[:, 0]) / pi
         integrators = self._integrators + (not isinf(gains.integral_time))
@@ -121,8 +122,8 @@ class SampledModels:
 def _crossings(
     values: FloatArray, where: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] | None = None
 ) -> tuple[Indices, Indices, FloatArray]:
-    """Return for each change of sign along the rows: the row, the place before it, and the share of the way to the
-    next."""
+    """Return for each change of sign along the rows: the row, the index before the change, and the share of the
+    distance to the next index at which the change lies."""
     changes = np.signbit(values[:, 1:]) != np.signbit(values[:, :-1])
     if where is not None:
         changes &= where[:, 1:] & where[:, :-1]

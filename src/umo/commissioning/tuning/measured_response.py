@@ -96,13 +96,13 @@ class MeasuredResponse:
         moved = float(np.ptp(self.outputs))
         if moved <= max(LEAST_MOVES * resolution, 1e-12 * float(np.abs(self.outputs).max())):
             raise RangeError(
-                f"{output} did not move (by {moved:g} in {self.duration:g} s): the gains cannot be found from it; "
+                f"{output} moved by only {moved:g} in {self.duration:g} s: the gains cannot be found from this; "
                 f"make an experiment with --step or --relay"
             )
         spread, noise = float(np.std(self.measurements)), self.noise
         if not spread or spread < MIN_SIGNAL_TO_NOISE * noise:
             raise RangeError(
-                f"{measurement or 'the measurementf'} shows no response: it changes by {spread:.3g}, and its noise is "
+                f"{measurement or 'the measurement'} shows no response: it changes by {spread:.3g}, and its noise is "
                 f"{noise:.3g}; use a larger amplitude"
             )
 

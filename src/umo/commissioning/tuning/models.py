@@ -170,9 +170,9 @@ def sampled_response(changes: FloatArray, dt: float, pole: complex, dead_time: f
 
 
 def _held(dead_time: float, dt: float, pole: complex) -> tuple[int, complex, complex, complex]:
-    """Whole periods of the dead time; the shares of the output that many periods ago and of the one before it in the
-    state after a period; the share of the state that is kept (Franklin, Powell and Workman, Digital Control of Dynamic
-    Systems, 1998, section 4.3)."""
+    """Return the number n of whole periods in the dead time, and three factors for the state after a period: that of
+    the output n periods ago, that of the output n + 1 periods ago, and that of the state before (Franklin, Powell and
+    Workman, Digital Control of Dynamic Systems, 1998, section 4.3)."""
     periods = dead_time / dt
     whole = floor(periods + 1e-9)
     rest = max(periods - whole, 0.0) * dt
@@ -185,5 +185,5 @@ def _kept(pole: complex, lasting: float) -> complex:
 
 
 def _grown(pole: complex, lasting: float) -> complex:
-    """The integral of exp(pole t) over this time."""
+    """Return the integral of exp(pole t) from 0 to this time."""
     return complex(np.expm1(pole * lasting) / pole) if pole else complex(lasting)

@@ -49,7 +49,7 @@ def own_experiment(
     show: Callable[[float, str], object] = lambda time, text: None,
     tried: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
 ) -> tuple[MeasuredResponse, dict[str, Any]]:
-    """Run the station's application, and make the experiment at this time, s. `tried`: settings for laws from the
+    """Run the station's application, and make the experiment at this time, s. `tried`: settings that laws have from the
     beginning of the run, by the paths of the laws. Returns the response and the result of the experiment. Raises
     OptionError if the wiring runs in real time. Raises CommandRefused if the run ends before this time."""
     if plan.wired.realtime:
@@ -91,7 +91,7 @@ def own_experiment(
 
 
 def _value(frame: Frame, place: int) -> float:
-    """An object, NaN while it is bad; or a signal, which come after them."""
+    """Return the value of an object, or NaN while its quality is BAD. Places after those of the objects are signals."""
     if place >= len(frame.items):
         return frame.signal_values[place - len(frame.items)]
     return float(frame.values[place]) if frame.quality[place] < Quality.BAD else np.nan

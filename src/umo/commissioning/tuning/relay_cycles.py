@@ -65,7 +65,8 @@ def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles
 
 
 def _high(outputs: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return whether the relay is up. In between it keeps its last state; before the experiment it is down."""
+    """Return for each sample whether the relay is up. At an output in the middle it keeps its last state; before the
+    experiment it is down."""
     low, top = float(outputs.min()), float(outputs.max())
     known = np.abs(outputs - (low + top) / 2) > (top - low) / 8
     last = np.maximum.accumulate(np.where(known, np.arange(len(outputs)), 0))
@@ -74,7 +75,8 @@ def _high(outputs: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
 
 
 def _full(outputs: FloatArray) -> int:
-    """The number of samples until the relay goes up by a smaller amplitude (`umo.control.excitation.SMALLER`)."""
+    """Return the number of samples until the relay goes up by a smaller amplitude
+    (`umo.control.excitation.SMALLER`)."""
     low, top = float(outputs.min()), float(outputs.max())
     smaller = np.abs(outputs - (low + 0.75 * (top - low))) < (top - low) / 16
     return int(np.argmax(smaller)) + 1 if smaller.any() else len(outputs)

@@ -27,5 +27,5 @@ class RunningStation(Protocol):
         arguments: Mapping[str, Any] | None = None,
         while_running: Callable[[], object] = lambda: None,
     ) -> Any:
-        """Give a command and return its result; `while_running` is called until it ends. Raises the errors of the
-        machine."""
+        """Give a command, and return its result. `while_running` is called repeatedly until the command ends. Raises
+        the errors of the machine."""

@@ -29,10 +29,10 @@ Controllers: Theory, Design, and Tuning, 1995, section 7.2)."""
 MOST_UNEXPLAINED = 15.0
 """Largest part of the spread of the measurement, in per cent, that neither a model nor noise describes."""
 MOST_BENT = 0.1
-"""Share by which the gain may depend on the amplitude."""
+"""Largest permitted relative change of the gain with the amplitude."""
 LONGEST_SECOND_LAG = 0.3
-"""The largest lag in addition to an integrator or a longer lag, less the effect of a zero, as a share of the response.
-A longer lag looks like an integrator."""
+"""The largest permitted lag beside an integrator or a longer lag, as a share of the response's duration. The effect of
+a zero is subtracted from the lag. A longer lag looks like an integrator."""
 LEAST_DAMPING = 0.3
 """The least damping of an oscillating process for which gains are printed."""
 
@@ -121,7 +121,7 @@ def check_tunable(identified: Identified) -> None:
         )
     if identified.bend > MOST_BENT:
         raise RangeError(
-            f"the response is not linear: its gain depends on the amplitude by {100.0 * identified.bend:.0f} %; look "
+            f"the response is not linear: its gain changes by {100.0 * identified.bend:.0f} % with the amplitude; look "
             "for stiction, backlash, a dead band or a limit of the actuator"
         )
     if model.structure.unstable:
@@ -167,7 +167,7 @@ def tuned_axis(facts: LawFacts, response: MeasuredResponse) -> TuningResult:
 
 
 def _present(models: Sequence[ProcessModel], facts: LawFacts) -> list[GainSet]:
-    """The present gains, if their sign is that of the process."""
+    """Return the present gains, if their sign is that of the process; otherwise an empty list."""
     if facts.present.gain * models[0].gain <= 0.0:
         return []
     return [GainSet(PRESENT, "", facts.present, SampledModels(models, facts.dt).margins(facts.present))]

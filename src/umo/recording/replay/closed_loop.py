@@ -159,8 +159,8 @@ class ClosedShrinking:
         return self.trial
 
     def _fewest(self, name: str, go_on: Callable[[], bool]) -> None:
-        """Delta debugging: leave out pieces of half of what is left, then of a quarter, down to single ones, until none
-        can be left out."""
+        """Leave out as many items as possible (delta debugging). The pieces that are left out begin with the size of
+        all items; their size is halved down to single items, until no single item can be left out."""
         size = max(len(getattr(self.trial, name)), 1)
         while True:
             before = len(getattr(self.trial, name))
@@ -188,7 +188,7 @@ class ClosedShrinking:
 
 
 class _Inbox:
-    """The commands, at their ticks (`umo.operation.commands.client_commands.Inbox`)."""
+    """Delivers the commands at their ticks (`umo.operation.commands.client_commands.Inbox`)."""
 
     def __init__(self, machine: ConnectedMachine, commands: Sequence[tuple[int, Mapping[str, Any]]]) -> None:
         self._clock, self._commands = machine.clock, commands
@@ -205,7 +205,8 @@ class _Inbox:
 
 
 class _Levels:
-    """Clients that are always alive, and ask for no stop (`umo.operation.commands.client_commands.Levels`)."""
+    """The levels of clients that are always alive and never request a stop
+    (`umo.operation.commands.client_commands.Levels`)."""
 
     asked: Sequence[int] = (0,)
     stop: tuple[int, str] | None = None
@@ -219,7 +220,8 @@ def _now() -> float:
 
 
 def _taken(tape: Tape) -> Iterator[tuple[int, bytes]]:
-    """The commands, each with the number of the tick at which it was taken; of a period that is lost the next one."""
+    """Yield the commands, each with the number of the tick at which it was taken. If that period is lost, the number is
+    that of the next period."""
     for block in tape.blocks():
         numbers = block.frames["number"].tolist()
         first = int(block.frames["sequence"][0]) // 2 - 1
@@ -228,8 +230,8 @@ def _taken(tape: Tape) -> Iterator[tuple[int, bytes]]:
 
 
 def _content(tick: int, data: bytes) -> Mapping[str, Any] | None:
-    """The content of a command that was taken at a tick, or None if it was not a command. NotReplayable of one that is
-    nested too deeply to be written into a test."""
+    """Return the content of a command that was taken at a tick, or None if it was not a command. Raises NotReplayable
+    for a command that is nested too deeply to be written into a test."""
     try:
         found = json.loads(data)
         level = [found]

@@ -24,7 +24,7 @@ FORM = "FILE.py:MACHINE:APPLICATION"
 
 @dataclass(frozen=True)
 class CodeGiven:
-    """The code named on the command line."""
+    """The code that the command line names."""
 
     station: str | None = None
     """A station by folder or name, or functions as `FILE.py:MACHINE:APPLICATION` (or `MODULE:...`). Without an
@@ -44,8 +44,8 @@ with the recorded wiring."""
 
 
 def job_of(recorded: Mapping[str, Any], given: CodeGiven, *, runs: bool = False) -> Job:
-    """Return the recorded job with the given code. `runs`: True if its drivers are run, in closed loop. Raises
-    NotReplayable if no code is given and the recorded station neither ships with umo nor is installed, or if the
+    """Return the recorded job with the given code. `runs`: True if the drivers of the job will be run, in closed loop.
+    Raises NotReplayable if no code is given and the recorded station neither ships with umo nor is installed, or if the
     recording names other code or files."""
     options = recorded.get("options")
     job = Job(options=dict(options.get("given", {})) if isinstance(options, Mapping) else {}, path=[])
@@ -63,7 +63,8 @@ def job_of(recorded: Mapping[str, Any], given: CodeGiven, *, runs: bool = False)
 
 
 def _station_of(recorded: Mapping[str, Any]) -> Station:
-    """The station that ships or is installed under the recorded name, wherever it lay then."""
+    """Return the station that ships with umo or is installed under the recorded name, regardless of its folder in the
+    recorded run. Raises NotReplayable if there is none."""
     name = recorded.get("station")
     if recorded.get("machine"):
         place = Path(str(recorded.get("script") or "FILE.py")).name
@@ -84,7 +85,7 @@ def _station_of(recorded: Mapping[str, Any]) -> Station:
 
 
 def _functions(text: str) -> tuple[str, str | None, str | None]:
-    """Machine and application as `module:function`, and the file that they are in."""
+    """Return machine and application, each as `module:function`, and the file that contains them."""
     where, *names = text.split(":")
     if not 1 <= len(names) <= 2 or not all(name.isidentifier() for name in names):
         raise NotReplayable(f"{text!r} is neither a station nor functions such as {FORM}")
@@ -100,7 +101,7 @@ def _functions(text: str) -> tuple[str, str | None, str | None]:
 
 
 def _check_files(job: Job, station: Station | None) -> None:
-    """Raise NotReplayable if an option of the recorded run is a file: it was named by the recording."""
+    """Raise NotReplayable if an option of the recorded run is a file, because the recording has named this file."""
     if not job.options:
         return
     found = {name: each for name, (_, each) in driver_options(_wiring(job, station)).items()}

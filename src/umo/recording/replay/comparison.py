@@ -61,7 +61,7 @@ class Comparison:
         slot_of = {item.path: slot for slot, item in enumerate(image.items)}
         order = np.array([slot_of[path] for path in self._paths], np.int64)
         self._order = None if (order == np.arange(len(order))).all() else order
-        """Today's slot of each recorded one, or None if they are the same."""
+        """The present slot of each recorded slot, or None if all are the same."""
         self._slot_of = order.tolist()
         self._recorded_slot = np.argsort(order)
         self._raws = image.columns.raws
@@ -102,10 +102,11 @@ class Comparison:
             self.on_difference()
 
     def _tell_extra(self, frame: Frame) -> None:
-        """Report a frame that was not recorded: the program updates once more in a period, unless the tape is over."""
+        """Report a frame that was not recorded: the program updates once more in a period. At the end of the tape this
+        is not a difference."""
         if self.compares and not self._player.over and self._result.difference is None:
             number = max(self._player.shown - 1, 0)
-            found = Difference(number, frame.time, "", "one update in this period", "another one")
+            found = Difference(number, frame.time, "", "one update in this period", "a second update")
             self._result.difference = found
             self.on_difference()
 
@@ -172,7 +173,7 @@ class Comparison:
         return WORDS.get(kind, kind.name.lower())
 
     def _text(self, slot: int, raw: int) -> str:
-        """A value with its unit, and its raw integer."""
+        """Return a value with its unit, and its raw integer, as text."""
         try:
             value = self._machine.image.wires[self._slot_of[slot]].value(raw)
             return f"{self._layout.described.objects[slot].text(value)} (raw {raw})"
@@ -201,7 +202,7 @@ def _whole(what: str, count: int) -> str:
 
 
 def _in_order(entries: Sequence[JournalEntry]) -> list[tuple[Any, ...]]:
-    """The entries so that they can be compared: NaN is equal to NaN, resets in a row stand in the order of slots."""
+    """Return the entries in a form that can be compared: NaN equals NaN, and consecutive resets are sorted by slot."""
     found: list[tuple[Any, ...]] = []
     row: list[tuple[Any, ...]] = []
     for entry in entries:

@@ -44,16 +44,17 @@ class DebuggedReplay:
         self.has_stopped = False
         """True if it has stopped at least once."""
         self._found: FirstDifference | None = None
-        """The first difference, where it is known."""
+        """The first difference, or None if it is not known yet."""
         self._interrupted = self._in_prompt = False
         self._looked = self._said = START
-        """The period in which the stop was checked; the period that was printed."""
+        """`_looked`: the last period in which the stop was checked. `_said`: the last period that was printed."""
         self._prompt = ReplayPdb(self)
         replay.on_connected = self._begin
         replay.observers.append(self)
 
     def _begin(self) -> None:
-        """The machine is connected, and no period has begun. Ctrl-C is for the debugger from now on."""
+        """Prepare the debugging. Called when the machine is connected and no period has begun. From now on Ctrl-C
+        interrupts the debugger."""
         signal.signal(signal.SIGINT, self._interrupt)
         program = self.replay.program
         root: dict[str, Any] = vars(program.machine)
@@ -70,7 +71,8 @@ class DebuggedReplay:
             self._guarded(self._sampled)
 
     def _sampled(self) -> None:
-        """The sensors of the period are read: look whether to stop. A program may sample more than once in it."""
+        """Check whether to stop. Called when the sensors of a period were read. A program can sample more than once in
+        a period."""
         player = self.replay.player
         period = player.period
         if period is None or player.shown == self._looked:
@@ -98,7 +100,7 @@ class DebuggedReplay:
         self._guarded(partial(self._shown, frame))
 
     def _shown(self, frame: Frame) -> None:
-        """The period is over."""
+        """Check for stops and make snapshots. Called when a period is over."""
         self._sampled()  # where the program did not sample the whole machine
         period, difference = self.replay.player.shown, self.replay.result.difference
         if self._prompt.seeking:  # there was no line of the user's code
@@ -118,7 +120,7 @@ class DebuggedReplay:
         return self._stop.period is not None and self._stop.period - period > EVERY * (MOST + 1)
 
     def _snapshot(self, period: int, time: float) -> None:
-        """Fork a snapshot, and in a process that continues from here take its orders."""
+        """Fork a snapshot. A process that continues from the snapshot takes the orders that it has received."""
         if period in self.runner.known:
             return
         sys.stdout.flush()
@@ -135,7 +137,8 @@ class DebuggedReplay:
         self._prompt.restore(orders["prompt"])
 
     def _guarded(self, work: Callable[[], object]) -> None:
-        """An observer that fails would be left out, and control code must not see it."""
+        """Call a function, and end the replay if it fails. Otherwise the failing observer would be dropped, or its
+        error would reach the control code."""
         try:
             work()
         except OptionError as error:
@@ -151,7 +154,7 @@ class DebuggedReplay:
     # Stopping ------------------------------------------------------------------------------------------
 
     def arrive(self) -> None:
-        """Note that the prompt opens."""
+        """Record that the prompt opens."""
         self._stop, self._interrupted, self.has_stopped = Stop(), False, True
         self.clear()
         self._say()
@@ -174,7 +177,7 @@ class DebuggedReplay:
             print(f"  a sequence stands at {place}")
 
     def _stand(self, why: str) -> None:
-        """Stop at the end of a period, in no code of the user's."""
+        """Stop at the end of a period, outside of the user's code."""
         period = self.replay.player.period
         self.arrive()
         print(why)
@@ -182,7 +185,7 @@ class DebuggedReplay:
         stand_in(self.replay.program.machine, self.replay.player.shown, time, self, self._prompt.begin)
 
     def _drive(self, drive: Callable[[Any], Any], machine: Any) -> Any:
-        """Run the program, with a last stop instead of the error that ends it."""
+        """Run the program. If an error ends it, stop once more before the error is raised."""
         try:
             return drive(machine)
         except WaitEnded:
@@ -202,8 +205,8 @@ class DebuggedReplay:
         self._prompt.interaction(None, error.__traceback__)
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        """Ctrl-C: the prompt begins a new line; a replay stops in its next period, and with a second one wherever it
-        is, as control code may never return."""
+        """Handle Ctrl-C. The prompt begins a new line. A replay stops in its next period. At a second Ctrl-C it stops
+        at its present line, because the control code may never return."""
         if self._in_prompt:
             raise KeyboardInterrupt
         if self._interrupted and not self._prompt.seeking:
@@ -243,7 +246,7 @@ class DebuggedReplay:
         self._stop = stop
 
     def _travel(self, stop: Stop) -> None:
-        """Go on from the nearest snapshot; this process ends."""
+        """Continue from the nearest snapshot in another process, and end this process."""
         sys.stdout.flush()
         found = None if self._found is None else list(self._found)
         self.runner.go(

@@ -37,7 +37,7 @@ class Debugged(Protocol):
         """Return the file and the function that call the program."""
 
     def arrive(self) -> None:
-        """Note that the prompt opens."""
+        """Record that the prompt opens."""
 
     def in_prompt(self, yes: bool) -> None:
         """Set whether the prompt waits for a line."""
@@ -146,7 +146,8 @@ class ReplayPdb(pdb.Pdb):
         self._name_parts()
 
     def _name_parts(self) -> None:
-        """The machine and its parts have their names where the code has no others for them."""
+        """Define the names of the machine and its parts in the prompt, except names that the code at the stop uses
+        itself."""
         frame = self.curframe
         if frame is None or frame.f_code.co_name == "<module>":
             return
@@ -163,7 +164,7 @@ class ReplayPdb(pdb.Pdb):
     # Commands ------------------------------------------------------------------------------------------
 
     def _go(self, move: Callable[[], None], straight: bool = False) -> bool | None:
-        """`straight`: breakpoints on the way do not count."""
+        """Move to another place of the replay. With `straight` the replay does not stop at breakpoints on the way."""
         try:
             move()
         except OptionError as error:
@@ -243,14 +244,15 @@ class ReplayPdb(pdb.Pdb):
 
 
 def _count(text: str) -> int:
-    """Raise OptionError if it is not a number from 1 on."""
+    """Return a number of periods; the default is 1. Raises OptionError if the text is not a whole number of at least
+    1."""
     if text and not (text.isdecimal() and int(text)):
         raise OptionError(f"{text!r} is not a number of periods")
     return int(text or 1)
 
 
 class _Lines:
-    """Lines of stdin, without reading ahead: another process may continue with the rest."""
+    """Reads lines of stdin without reading ahead, because another process may continue with the remaining lines."""
 
     def readline(self) -> str:
         line = b""

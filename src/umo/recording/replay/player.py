@@ -34,9 +34,9 @@ class Player:
         self.period: TapedPeriod | None = None
         """The period that is being played, or None before the first and after the last period."""
         self._begun: TapedPeriod | None = None
-        """The period that has begun, while the one before was not shown yet."""
+        """The period that has begun although the period before it was not shown yet; otherwise None."""
         self.next: TapedPeriod | None = next(self._coming, None)
-        """The period after that, or None if the tape ends."""
+        """The period that follows on the tape, or None at the end of the tape."""
         self.journal: Journal | None = None
         """The journal of the replay, or None if it has not begun."""
         self.lenient = False
@@ -55,7 +55,7 @@ class Player:
         self.seen: set[int] = set()
         """The blocks (first slots) that were transferred in this period."""
         self._used: set[int] = set()
-        """The entries that were used out of turn."""
+        """The numbers of the entries that were used out of their order."""
         self.shown = 0
         """Number of the completed periods."""
 
@@ -66,7 +66,7 @@ class Player:
         self.journal, self.period = journal, first
 
     def connected(self, journal: Journal) -> None:
-        """Note that the machine is connected. The periods follow. `journal` is that of the replay."""
+        """Record that the machine is connected, and that the periods follow. `journal`: the journal of the replay."""
         self.journal = journal
         self._begin(None)
 
@@ -122,7 +122,7 @@ class Player:
         """Return the present reading of one sensor."""
         if self.period is None or self.paused:
             return int(self.raws[slot])
-        entry = self._entry(slot, READS, "a reading of its own")
+        entry = self._entry(slot, READS, "a separate reading")
         if entry is None:
             return int(self.raws[slot])
         _raise_if_failed(entry)
@@ -131,7 +131,7 @@ class Player:
     def write(self, slot: int, raw: int) -> None:
         """Write one actuator."""
         if self.period is not None and not self.paused:
-            entry = self._entry(slot, WRITES, f"a write of its own (raw {raw})")
+            entry = self._entry(slot, WRITES, f"a separate write (raw {raw})")
             if entry is not None:
                 _raise_if_failed(entry)
 
@@ -160,7 +160,7 @@ class Player:
             return True
         entry = self._next()
         if entry is None or entry[1] != Kind.LOOKED or entry[0] not in slots:
-            self._tell(min(slots, default=-1), "none", "a look for its driver")
+            self._tell(min(slots, default=-1), "none", "a check whether its driver answers")
             return True
         return {1: True, 0: False}.get(entry[3])
 
@@ -217,13 +217,13 @@ class Player:
         if self.period is None or self.paused:
             out[:] = [self.raws[slot] for slot in slots]
             return
-        found = self._group(slots, READS, "a reading of its own")
+        found = self._group(slots, READS, "a separate reading")
         out[:] = [int(self.raws[slot]) if slot not in found else found[slot][3] for slot in slots]
         _raise_for(found.values(), slots, texts)
 
     def write_group(self, slots: Sequence[int], texts: Sequence[str]) -> None:
         if self.period is not None and not self.paused:
-            found = self._group(slots, WRITES, "a write of its own")
+            found = self._group(slots, WRITES, "a separate write")
             _raise_for(found.values(), slots, texts)
 
     def read_block(self, slots: IntArray, texts: Sequence[str], out: IntArray) -> None:
@@ -252,7 +252,7 @@ class Player:
         return entries[at] if at < len(entries) else None
 
     def _entry(self, slot: int, kinds: Collection[int], asked: str) -> JournalEntry | None:
-        """The entry of a call for one object, or None if there is none, which is reported."""
+        """Return the entry of a call for one object. If there is none, report a difference and return None."""
         entry = self._next()
         if self.lenient:
             return self._search(slot, kinds)
@@ -262,7 +262,7 @@ class Player:
         return None
 
     def _search(self, slot: int, kinds: Collection[int], since: int = 0) -> JournalEntry | None:
-        """The next entry of an object that was not used yet, from this number on."""
+        """Return the next unused entry of an object, from the entry number `since` on."""
         assert self.period is not None
         for number, entry in enumerate(self.period.entries[since:], since):
             if entry[0] == slot and entry[1] in kinds and number not in self._used:
@@ -282,7 +282,7 @@ class Player:
         return found
 
     def _failed(self, slots: IntArray, kind: Kind) -> list[JournalEntry]:
-        """The entries from here on of the objects of a block that have failed."""
+        """Return the entries, from the present place on, of the objects of a block whose transfer failed."""
         assert self.period is not None
         places = {slot: number for number, slot in enumerate(slots.tolist())}
         failed: list[JournalEntry] = []
@@ -308,7 +308,7 @@ def _raise_if_failed(entry: JournalEntry) -> None:
 
 
 def _raise_for(entries: Collection[JournalEntry], slots: Sequence[int], texts: Sequence[str]) -> None:
-    """Raise as the driver did for the transfer of these objects."""
+    """Raise the error that the driver raised for the transfer of these objects in the recorded run, if any."""
     failed = [entry for entry in entries if entry[2] != ErrorKind.NONE]
     for entry in failed:
         if entry[2] != ErrorKind.CHANNELS:

@@ -49,10 +49,10 @@ class TapeLevels:
     def __init__(self, player: Player, inbox: TapeInbox, events: Iterable[Any]) -> None:
         self._player, self._inbox = player, inbox
         self._ends: dict[float, set[str]] = {}
-        """The holds that have ended without a sign of life: their paths, "" for the lease, by the time of the period in
-        s."""
+        """The holds that ended because signs of life were missing: for the time in s of each period, the paths of these
+        holds; "" stands for the lease."""
         self._refused: set[int] = set()
-        """The commands that were refused as their client gave no sign of life."""
+        """The commands that were refused because their client gave no sign of life."""
         self._stops: dict[float, str] = {}
         """The users who have requested a stop, by the time in s."""
         self._looked = -1.0
@@ -97,7 +97,7 @@ class TapeLevels:
 
 
 class _StopRequested(Sequence[int]):
-    """One number: 1 if a stop is requested in this period."""
+    """A sequence of one number, which is 1 if a stop is requested in this period, and otherwise 0."""
 
     def __init__(self, levels: TapeLevels) -> None:
         self._levels = levels

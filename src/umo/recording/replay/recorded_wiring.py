@@ -64,7 +64,7 @@ def _text_of(file: Path) -> str | None:
 
 
 def _checked(table: dict[str, Any], station: Station | None, own: Sequence[Path], runs: bool) -> dict[str, Any]:
-    """The table with types and files of the station. Raises NotReplayable for any others."""
+    """Return the table if it names only types and files that are permitted. Raises NotReplayable for any others."""
     known = [driver for file in own for driver in drivers_in(read(file))]
     drivers = table.get("drivers")
     table["drivers"] = {
@@ -97,7 +97,8 @@ def _checked(table: dict[str, Any], station: Station | None, own: Sequence[Path]
 
 
 def _absolute(table: Mapping[str, Any], station: Station | None) -> dict[str, Any]:
-    """`.plant:Plant` as a class in a module of the station. Whether the station has it in a wiring is seen later."""
+    """Return the table of a driver in which a type such as `.plant:Plant` is completed with the station's module.
+    Whether a wiring of the station names this type is checked later."""
     kind = table.get("type")
     if not isinstance(kind, str) or not kind.startswith("."):
         return dict(table)
@@ -119,7 +120,8 @@ def drivers_in(source: WiringSource) -> Iterator[RecordedDriver]:
 
 
 def _signature(kind: str) -> Mapping[str, inspect.Parameter]:
-    """The options of a known driver; none for one that cannot be imported, which is an error when it is made."""
+    """Return the options of a known driver. For a driver that cannot be imported, return none; the error is raised when
+    the driver is created."""
     try:
         return signature_of(registry.find(kind))
     except WiringError:

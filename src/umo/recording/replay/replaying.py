@@ -35,7 +35,7 @@ from umo.system.processes import HASH_SEED
 MAX_COMPARED = 100
 """Number of compared characters of an error's text."""
 SHORT = 20
-"""Number of compared characters if numbers in the text may differ."""
+"""Number of compared characters in a comparison that ignores the numbers in the texts."""
 RANDOM_HASHES = "the recorded run had no fixed hash seed (PYTHONHASHSEED): the order of sets of strings may differ"
 
 
@@ -48,9 +48,10 @@ class Replay:
         program: Program | None = None,
         settings: Mapping[str, object] = MappingProxyType({}),
     ) -> None:
-        """`program`: default: the station of the recording. `settings`: other values of numbers by path; then the
-        replay continues after differences, in open loop, as the recorded sensors do not react to the new commands.
-        NotReplayable, with a text in one line, if it cannot be replayed."""
+        """`program`: the program to run; default: the station of the recording. `settings`: other values of numbers, by
+        path. With settings the replay continues after differences, in open loop, because the recorded sensors do not
+        react to the new commands. Raises NotReplayable, with a text in one line, if the recording cannot be
+        replayed."""
         self._tape = tape
         _check(tape)
         self.program = program or Program.of(tape)
@@ -94,7 +95,7 @@ class Replay:
         return connection
 
     def _play_first_sample(self) -> None:
-        """The tape answers the sample that is made while connecting."""
+        """Prepare the tape to answer the sample that is made while connecting."""
         machine, player = self.connection.machine, self.player
         transfer = machine.image.transfer
         transfer.now = lambda: machine.clock.now  # a replay on a busy computer takes no longer than its run
@@ -137,7 +138,7 @@ class Replay:
 
     @contextmanager
     def _played(self, machine: ConnectedMachine) -> Iterator[None]:
-        """The tape answers from now on, in periods."""
+        """Return a context in which the tape answers, period by period."""
         image, player, result = machine.image, self.player, self.result
         phases = PhaseTimes(image, self.connection.wired.drivers, machine.groups.parts)
         watch_blocks(image.transfer, player)
@@ -176,7 +177,8 @@ class Replay:
             raise
 
     def _compare_ends(self) -> None:
-        """An error that ends the replay is that of the recording, or a difference."""
+        """Compare the ends of both runs. If the replay ends by another error than the recorded run, or earlier, that is
+        a difference."""
         result, end = self.result, _end_of(self._tape)
         result.ended = "" if end is None else end.text
         if self._open_loop:
@@ -196,7 +198,7 @@ class Replay:
             result.difference = Difference(period, moment, "", "the run continued", "the program has ended")
 
     def _compare_errors(self, end: Any) -> None:
-        """Compare the error of a recording that was shrunk: only the same error can be expected."""
+        """Compare only the errors, because a recording that was shrunk can only be expected to give the same error."""
         recorded = "no error" if end is None or end.state is not CommandState.FAILED else end.text
         error = self.result.error
         replayed = "no error" if error is None else text_of(error)
@@ -223,7 +225,7 @@ def _check(tape: Tape) -> None:
 
 
 def _play_time(clock: WallClock, player: Player) -> None:
-    """The clock of a machine without a timer."""
+    """Set the clock of a machine without a timer to the recorded times."""
     tick: Callable[[], None] = clock.on_tick
     clock._start = 0.0
     clock._source = lambda: 0.0 if player.period is None else player.period.time
@@ -236,13 +238,14 @@ def _play_time(clock: WallClock, player: Player) -> None:
 
 
 def _end_of(tape: Tape) -> Any:
-    """The last event of the run, or None if the recording has none, because the run was killed."""
+    """Return the last event of the run, or None if the recording has none because the run was killed."""
     ends = [event for event in events_of(tape) if event.is_end]
     return ends[-1] if ends else None
 
 
 def _same_kind(error: BaseException, recorded: str) -> bool:
-    """True if the texts are the same except for numbers."""
+    """True if the beginnings of both texts are the same except for numbers. An error of a driver that failed in the
+    recording always counts as the same."""
     first, second = (
         re.sub(r"[\d.,:]+", "0", text.partition("\n")[0])[:MAX_COMPARED] for text in (text_of(error), recorded)
     )
@@ -250,7 +253,8 @@ def _same_kind(error: BaseException, recorded: str) -> bool:
 
 
 def _same_error(error: BaseException, text: str, recorded: str) -> bool:
-    """True if this is the recorded error. What a driver said of its failure is not recorded; events cut long texts."""
+    """True if this is the recorded error. The texts may differ, because a driver's own text about its failure is not
+    recorded, and events contain only the beginning of a long text."""
     if not recorded:
         return False
     if CAUSE in text or isinstance(error, DriverError):

@@ -59,7 +59,7 @@ class Replayed:
     settings: dict[str, Any] = field(default_factory=dict)
     """The numbers that were set to other values (`umo recording replay --set`), by path."""
     open_loop: bool = False
-    """True if the recording was shrunk, so that only its error was compared."""
+    """True if the recording was shrunk. In this case only its error was compared."""
     hashes: str = ""
     """A remark on the order of hashes, if it was not fixed."""
     code: str = ""
@@ -90,7 +90,7 @@ class Replayed:
             changed = ", ".join(f"{path} = {value}" for path, value in self.settings.items())
             lines.append(f"with {changed}: open loop, because the recorded sensors do not react to the new commands")
         lines += [f"the replay ended here: {self.inexact}"] if self.inexact else []
-        lines += [f"the recorded run ended by: {self.ended}"] if self.ended else []
+        lines += [f"end of the recorded run: {self.ended}"] if self.ended else []
         lines += [self.code] if self.code else []
         lines += [self.hashes] if self.hashes and self.difference is not None else []
         return "\n".join(lines)

@@ -73,7 +73,7 @@ class WholeRecording:
             raise NotReplayable("parts of the recording are lost: it cannot be shrunk")
         self.layout, self.job = tape.layout, tape.job
         self.damaged_end = str(getattr(tape, "damaged_end", ""))
-        """The reason why its end may be missing, as text; empty if nothing indicates that."""
+        """The reason why the end of the recording may be missing, as text; empty if nothing indicates that."""
         self.compared = True
         """True if the commands of the chosen periods are compared in the replay, and not only the error."""
         self._frames = np.concatenate([block.frames for block in blocks])
@@ -172,17 +172,17 @@ class Shrinking:
     def __init__(
         self, tape: Tape, given: CodeGiven = NOTHING_GIVEN, program: Callable[[Tape], Program] | None = None
     ) -> None:
-        """Raise NotReplayable if its replay has neither a difference nor an error."""
+        """Raise NotReplayable if the replay of the recording has neither a difference nor an error."""
         self.source = WholeRecording(tape)
         self._program = program or (lambda each: Program.of(each, given))
         self.replays = 0
         self.places: PeriodNumbers = np.arange(self.source.count)
         """The remaining periods."""
         self.ending: ReplayedError | ReplayedDifference
-        """The result that they give."""
+        """The error or difference that the remaining periods give."""
         result = self._replayed(self.places)
         self.code = result.code
-        """A remark if the code is another than that of the recorded run."""
+        """A remark if the code differs from that of the recorded run."""
         difference = result.difference
         if difference is not None and result.error is None and result.periods <= self.source.count:
             self.places, self.ending = self.places[: difference.period + 1], ReplayedDifference.of(difference)
@@ -207,7 +207,7 @@ class Shrinking:
         return self.source.chosen(self.places)
 
     def _pass(self, size: int, go_on: Callable[[], bool]) -> None:
-        """Try to leave out each piece of this many periods, the last ones first: they end with the error."""
+        """Try to leave out each piece of `size` periods, beginning with the last piece, which ends with the error."""
         at = len(self.places)
         while at > 0 and go_on():
             start = max(at - size, 0)
@@ -224,7 +224,7 @@ class Shrinking:
         return found is not None and found.period == len(places) - 1 and ReplayedDifference.of(found) == ending
 
     def _replayed(self, places: PeriodNumbers) -> Replayed:
-        """A replay with these periods only."""
+        """Replay only these periods, and return the result."""
         self.replays += 1
         tape = self.source.chosen(places)
         return Replay(tape, self._program(tape)).run()

@@ -178,10 +178,11 @@ class SnapshotList:
         self._snapshots: dict[int, Link] = {}
         self._times: dict[int, float] = {}
         self._origin = START
-        """The period of the snapshot from which the runner comes: it lives as long as this one."""
+        """The period of the snapshot from which the runner was forked. The runner lives only as long as this
+        snapshot."""
         self._orders: Orders = {}
         self._visited: list[int] = []
-        """The periods of the snapshots, those that were made or used last at the end."""
+        """The periods of the snapshots, in the order in which they were last made or used."""
 
     def run(self, begin: Callable[[Runner], int]) -> int:
         """Let `begin` replay in separate processes until one of them ends, and return the exit status. `begin` returns
@@ -239,7 +240,7 @@ class SnapshotList:
                 self._go(message)
 
     def _accept_all(self) -> Link | None:
-        """Take in who has come; the runner that is among them."""
+        """Accept all new connections. Return the connection of a new runner, or None if there is no new runner."""
         runner = None
         while select.select([self._listener], [], [], 0)[0]:
             connection = self._listener.accept()[0]
@@ -281,7 +282,8 @@ class SnapshotList:
 
 
 def _await_all() -> None:
-    """Wait until all have ended. Processes that control code has started in the background may continue."""
+    """Wait until all child processes have ended, at most `CHILD_END_TIMEOUT` s. Processes that control code has started
+    in the background may continue."""
     until = time.monotonic() + CHILD_END_TIMEOUT
     while wait_for_any() and time.monotonic() < until:
         time.sleep(0.002)

@@ -79,7 +79,7 @@ class BreakCondition:
     An expression only reads: it may call the functions of NAMES and `math`, and the methods in READING."""
 
     def __init__(self, text: str) -> None:
-        """Raise OptionError if it is not such an expression."""
+        """Raise OptionError if the text is not such an expression."""
         self.text = text
         try:
             tree = ast.parse(text.strip(), "--break", "eval")
@@ -94,7 +94,7 @@ class BreakCondition:
         bound = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
         self._parts = names - bound - NAMES.keys() - {"m", "period", "time"}
         self._was = False
-        """True if it was true in the period before."""
+        """True if the expression was true in the period before."""
         self._tried = False
         self.failed = ""
         """The reason why the last evaluation failed; "" if it did not."""
@@ -136,14 +136,14 @@ def _refused(node: ast.AST) -> str:
 
 
 def _names(kind: type[Any]) -> Iterator[str]:
-    """The names of all kinds of objects."""
+    """Yield the names of a class and of all its subclasses."""
     yield kind.__name__
     for each in kind.__subclasses__():
         yield from _names(each)
 
 
 def _mistake(error: Exception) -> str:
-    """Such as `Servo has no eror (did you mean 'error'?)`."""
+    """Return a text about an error in an expression, such as `Servo has no eror (did you mean 'error'?)`."""
     name, owner = getattr(error, "name", None), getattr(error, "obj", None)
     said = str(error)
     of_object = "compares an object" in said or any(f"'{name}'" in said for name in _names(Atomic))

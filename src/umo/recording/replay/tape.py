@@ -18,7 +18,7 @@ OPEN_LOOP = "open_loop"
 """The fact that marks a recording from which periods were left out (`umo.recording.replay.shrinking`). Only the error
 of such a recording is compared."""
 JournalEntry = tuple[int, int, int, int, int, float]
-"""An entry of a journal: slot, kind, error, raw, raw before, time."""
+"""An entry of a journal: slot, kind, error, raw integer, the raw integer before, time."""
 
 
 class NotReplayable(UmoError):

@@ -27,7 +27,7 @@ class TapeDriver(Driver[Any], Looks):
     `look`."""
 
     def __init__(self, driver: Driver[Any], player: Player, slots: Mapping[int, int]) -> None:
-        """`slots`: the recorded slot of each channel, by its id. They may still be filled in."""
+        """`slots`: the recorded slot of each channel, by its id. The caller may still add slots later."""
         self._driver, self._player, self._slots = driver, player, slots
         self.timeout, self.period = driver.timeout, driver.period
         self._blocks: dict[int, tuple[IntArray, list[str]]] = {}

@@ -42,7 +42,7 @@ class TapeOffCycle(OffCycle, Looks):
         self.mine: set[int] = set()
         """The recorded slots of its objects."""
         self.in_blocks: set[int] = set()
-        """The channels that arrive, or are confirmed, in each of its transfers."""
+        """The recorded slots of the channels that arrive, or are confirmed, in each transfer of the driver."""
         self._rows = self.exchange.arrivals.read()[1]
         """The newest values, with their stamps."""
         self._times = np.full(len(channels), np.nan)
@@ -151,7 +151,7 @@ class TapeOffCycle(OffCycle, Looks):
 
 
 class _TapeServer(DeviceServer):
-    """Replaces the server: the transfers of its own period are on the tape."""
+    """Replaces the server of the driver. The tape contains the results of the server's transfers."""
 
     def __init__(self, tape: TapeOffCycle) -> None:
         super().__init__(tape.driver, tape.exchange, tape.own_period)

@@ -1,2 +1,2 @@
-"""Samples of a run against time: the room stores them, reduces them to pixels, measures them, and draws them for
+"""Samples of a run against time. This package stores them, reduces them to pixels, measures them, and draws them for
 notebooks."""

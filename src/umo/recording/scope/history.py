@@ -100,7 +100,7 @@ class History(MemoryHistory):
         self._size = -(-self.capacity // BLOCKS)
         self._most = -(-self.capacity // self._size) + 1
         self._blocks: list[KeptSamples] = []
-        """Samples that are filled in. They are replaced, never changed."""
+        """The completed blocks of samples. A block is replaced, never changed."""
         self._newest = self._new_block()
 
     def _new_block(self) -> KeptSamples:

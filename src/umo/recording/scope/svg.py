@@ -83,7 +83,8 @@ class Scope:
         )
 
     def _lanes(self) -> list[list[int]]:
-        """Numbers by unit, binary objects one by one."""
+        """Return the traces of each lane: numbers with the same unit share a lane, and each binary object has its
+        own."""
         lanes: dict[str, list[int]] = {}
         for row, entry in enumerate(self._entries):
             lanes.setdefault(entry.path if entry.is_binary else f"={entry.unit}", []).append(row)
@@ -127,14 +128,14 @@ class Scope:
         return "".join([*parts, _text(LEFT + 4, BAR - 7, self._said(row))])
 
     def _said(self, row: int) -> str:
-        """Name of a trace, and its last value."""
+        """Return the name of a trace and its last value as text."""
         path = self._entries[row].path
         name = path if len(path) <= MAX_NAME_LENGTH else f"...{path[3 - MAX_NAME_LENGTH :]}"
         return f"{name}  {self._entries[row].text(*self._now[row])}"
 
 
 def _span(low: FloatArray, high: FloatArray) -> tuple[float, float]:
-    """The range that a lane shows: all values, with a margin."""
+    """Return the range that a lane shows: that of all values, with a margin."""
     known = np.concatenate([low[np.isfinite(low)], high[np.isfinite(high)]])
     least, most = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     margin = 0.06 * (most - least) or 0.05 * abs(most) or 1.0
@@ -151,7 +152,8 @@ def _ticks(low: float, high: float, most: int) -> Iterator[tuple[float, str]]:
 
 
 def _path(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
-    """A line from the least to the greatest value of each point; nothing where there is none."""
+    """Return the path of a line through the smallest and the largest value of each point. The line is interrupted at
+    points without a value."""
     known = np.isfinite(low)
     begins = known & ~np.concatenate(([False], known[:-1]))
     tenths = (np.round(each[known], 1).tolist() for each in (x, low, high))

@@ -27,7 +27,7 @@ ATTRIBUTES = {"unit": "units", "minimum": "minimum", "maximum": "maximum", "kind
 def load(
     path: Path | str, only: Sequence[str] = (), start: float | None = None, stop: float | None = None
 ) -> xarray.Dataset:
-    """See `umo.load`."""
+    """Load a recording as a Dataset (see `umo.load`)."""
     try:
         import xarray
     except ImportError:

@@ -76,12 +76,14 @@ class RecordedValues:
         self.objects = [place for place in self.places if place < objects]
         """The places of the chosen objects."""
         self.bare = 0
-        """Number of skipped periods, of which the file has only the data that replay needs."""
+        """Number of skipped periods. They are skipped because the file contains only the data that replay needs for
+        them."""
         self.lost, self.damage = 0, list[str]()
         """Number of periods that are missing in the recording, and sentences on its damage (`look_for_damage`)."""
 
     def look_for_damage(self) -> None:
-        """Find the damage. For this the whole recording is read once more, unless that was done before."""
+        """Find the missing periods and the damage. The whole recording is read once more for this, unless that was done
+        before."""
         self.lost = self.recording.lost
         self.damage = self.recording.damage
 

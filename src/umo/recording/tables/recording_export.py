@@ -78,8 +78,8 @@ def _write_rows(values: RecordedValues, frames: Any, form: str, stream: IO[str])
 
 
 def _write_npz(values: RecordedValues, file: Path, progress: TellTime) -> int:
-    """An array for each column, uncompressed, as `numpy.savez` does it. They are collected in files beside it, one
-    value after another, so that memory does not grow with the recording."""
+    """Write an uncompressed array for each column, like `numpy.savez`. The rows are first collected in temporary files
+    in the same folder, so that memory does not grow with the length of the recording."""
     arrays = [("time", "<f8"), ("utc", "<i8"), ("number", "<i8"), ("missed", "<i8")]
     columns = [(name, "<f8") for name in values.names]
     qualities = [(name, "|u1") for name in values.quality_names]

@@ -1,7 +1,7 @@
 """Writes a recording in Parquet. The rows are those of a fleet's history (`umo.recording.tables.value_tables`), one for
 each value of each frame.
 
-The file is the table `values`; its metadata `umo` have the descriptions of all items with values, as JSON.
+The file contains the table `values`. Its metadata `umo` contain the descriptions of all items with values, as JSON.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def run_name(about: dict[str, Any]) -> str:
 
 
 def _items(values: RecordedValues) -> Sequence[int] | None:
-    """The places of the chosen among all items, objects and signals first; None means all, with states, tunable numbers
-    and the run itself."""
+    """Return the places of the chosen items among all items, of which objects and signals are the first. None means all
+    items, including states, tunable numbers and the run itself."""
     every = len(values.layout.objects) + len(values.layout.signals)
     return None if len(values.places) == every else values.places
 
@@ -73,13 +73,13 @@ class _Beside:
     where they change, so blocks whose values are not written must be read too."""
 
     def __init__(self, blocks: Iterator[Block], tunables: int) -> None:
-        """`blocks`: those of the recording, from the first one on; none: nothing beside the frames is wanted."""
+        """`blocks`: the blocks of the recording, from the first one on; empty if only data in the frames are wanted."""
         self._blocks = blocks
         self._tunables = np.full(tunables, np.nan)
         self._mode, self._missed = -1.0, 0
 
     def of(self, frames: Any) -> Any:
-        """A row for each of these frames, which follow those of the last call."""
+        """Return a row for each of these frames. The frames must follow those of the last call."""
         beside = np.empty((len(frames), len(self._tunables) + 2))
         missed = self._missed_before(int(frames["sequence"][0]) // 2 - 1)
         beside[:, :-2], beside[:, -2] = self._tunables, self._mode
@@ -87,7 +87,8 @@ class _Beside:
         return beside
 
     def _missed_before(self, first: int) -> int:
-        """The periods that were missed before the frame of a number. Reads the blocks as far as that one's."""
+        """Return the number of periods that were missed before the frame with this number. The blocks are read up to
+        the block of this frame."""
         for block in self._blocks:
             self._note(block.live)
             missed, before = block.frames["missed"], self._missed

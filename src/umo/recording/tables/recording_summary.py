@@ -94,7 +94,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _shrunk(periods: object) -> str:
-    """The text with the number of periods that the recording had, or empty if it was not shrunk."""
+    """Return a text with the number of periods before the recording was shrunk, or "" if it was not shrunk."""
     if periods is None:
         return ""
     whole = count_of(periods, "period") if isinstance(periods, int) else "a longer recording"
@@ -103,13 +103,13 @@ def _shrunk(periods: object) -> str:
 
 
 def _few(damage: list[str]) -> list[str]:
-    """Return the last few sentences, and the number of those before them."""
+    """Return the last `MAX_DAMAGE` sentences. If there are more, the first line states the number of the others."""
     more = len(damage) - MAX_DAMAGE
     return [*([f"{more} more places"] if more > 0 else []), *damage[-MAX_DAMAGE:]]
 
 
 def _boxes(boxes: list[dict[str, Any]], count: int) -> str:
-    """Return how many there are, and the content of the last one; empty if there are none."""
+    """Return the number of black boxes, and the content of the last one; "" if there are none."""
     if not boxes:
         return ""
     last = boxes[-1]

@@ -120,7 +120,7 @@ class RunValues:
         return codes
 
     def _qualities(self, frames: Any, values: Any) -> Any:
-        """Return the qualities of objects; other values are always good."""
+        """Return the quality of each value. Values other than those of objects are always good."""
         codes = np.where(np.isnan(values), np.int32(Quality.BAD), np.int32(Quality.GOOD))
         given = frames["quality"]
         objects = [column for column, place in enumerate(self._only) if place < given.shape[1]]

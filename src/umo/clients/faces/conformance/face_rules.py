@@ -21,8 +21,8 @@ from umo.operation.commands.roles import EVERYBODY
 CHANGE_TIMEOUT = 2.0
 """Time in s within which a change must reach a client (`finishes`)."""
 TIME_ERROR = 1.0
-"""Largest error of a time in s that is accepted, beyond the error of the machine's own clock: the interval between two
-looks of the host."""
+"""Largest accepted error of a time in s, in addition to the error of the machine's own clock. It is the interval
+between two looks of the host."""
 FLOOD = 200
 """Number of commands in the test of a flood."""
 RATE = 50.0
@@ -63,7 +63,8 @@ class Rig:
         return client
 
     async def sees(self, client: ForeignClient, name: str, condition: Callable[[Seen], bool], what: str) -> Seen:
-        """Return the client's view once the condition is true. Raises AssertionError after `CHANGE_TIMEOUT`."""
+        """Return the client's view once the condition is true. Raises AssertionError if it is not true within
+        `CHANGE_TIMEOUT`."""
         seen = None
 
         async def look() -> Seen:

@@ -41,7 +41,7 @@ STEP = 0.005
 LIMIT = 20.0
 """Time in s within which an awaited condition must become true (`until`)."""
 OWN_DEVICES = {"cell.level": "gauge", "cell.position": "ruler"}
-"""Objects that have a separate device each."""
+"""Objects that each have a device of their own."""
 
 
 class Phase(Enum):
@@ -53,7 +53,7 @@ class Phase(Enum):
 
 
 ALARMS = {"full": Alarm(High("level", 80.0), "too full"), "over 90 % (#1)": Alarm(High("level", 90.0), "spills")}
-"""An alarm may have any text as its name."""
+"""The alarms of the cell. The name of an alarm can be any text."""
 
 
 class TriedCell(Compound, equipment=True, alarms=ALARMS):

@@ -68,5 +68,6 @@ class Epics(Face):
 
 
 def _is_station(character: str) -> bool:
-    """True if the character may stand in the name of a station in a prefix: not a colon, which ends it."""
+    """True if this character of a station's name is used unchanged in a prefix. A colon is not, because it ends the
+    prefix."""
     return is_word(character) or character in ".-"

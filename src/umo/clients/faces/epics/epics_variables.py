@@ -21,7 +21,8 @@ from umo.operation.commands.verbs import CALL, naming, offered
 from umo.process.frames.machine_items import QUIET, Declaration, ItemKind, MachineItem
 
 SUFFIXES = {ItemKind.EQUIPMENT: "equipment", ItemKind.AXIS: "axis", ItemKind.ALARM: "alarm"}
-"""Last parts of the names of states. They are needed because an object may have the path that stands before them."""
+"""Last parts of the names of states. They are needed because an object can have the same path as the equipment, axis or
+alarm."""
 SEVERITIES = {Quality.GOOD: 0, Quality.OUT_OF_RANGE: 2, Quality.UNREFERENCED: 1, Quality.STALE: 1, Quality.BAD: 3}
 MINOR, MAJOR = 1, 2
 DEVICE, RECORD = 1, 3
@@ -40,16 +41,16 @@ RUN = "run"
 AXIS_ENTRIES = ("target", "stop")
 """Entries of an axis in the tree that are not parts of the axis."""
 PRECISION = 3
-"""Digits after the point if neither a resolution nor a range gives them."""
+"""Number of digits after the decimal point for a number whose resolution and range do not determine it."""
 JOINED = coded(".")
-"""The string between the entry of an alarm and the entry of its object, which is not a device. It occurs in no part of
-a name."""
+"""The string between the entry of an object and the entry of an alarm below it, where the object is not a device. It
+occurs in no part of a name."""
 IN_LIST = "__"
 """The string before the number of an entry in a list."""
 TREE = "PVI"
 """Last part of the name of a device's tree."""
 OF_ITEMS = {ItemKind.EQUIPMENT: Names.EQUIPMENT, ItemKind.ALARM: Names.ALARM}
-"""The kind of object that verbs name. Its items have a variable for each verb."""
+"""Kinds of items that verbs name. Each of these items has a variable for each of those verbs."""
 NameParts = tuple[str, ...]
 """The parts of a name without its prefix. They consist of ASCII letters, digits and `_`."""
 Ask = Callable[..., Any]
@@ -59,8 +60,8 @@ Show = Callable[[float, Mapping[str, Any]], None]
 
 class EpicsVariables:
     """The variables of a machine. `prefix` stands before each path, and a point becomes a colon: `ztheta:z:encoder`.
-    Letters outside ASCII and punctuation are escaped (`umo.objects.presentation.identity`). `commands`: those of the
-    run."""
+    Letters outside ASCII and punctuation are escaped (`umo.objects.presentation.identity`). `commands` are the commands
+    of the run."""
 
     def __init__(self, machine: Declaration, prefix: str, commands: Commands) -> None:
         self.by_name: dict[str, ProcessVariable] = {}
@@ -137,9 +138,10 @@ class EpicsVariables:
         self.add(parts_of(path), "x", ProcessVariable(value, write, call, kept_up=bool(about["dead_man"])))
 
     def add_verb(self, parts: NameParts, verb: Verb, path: str | None) -> None:
-        """Add a variable for a verb. A put gives the verb. The value that is put is arbitrary if the verb has no
-        argument; otherwise it is the number or string of the only argument. An RPC gives the arguments by name. `path`
-        is None if the path is an argument too. The value put for a verb without other arguments is then the path."""
+        """Add a variable for a verb. A put or an RPC carries out the verb. The value that is put is arbitrary if the
+        verb has no argument; otherwise it is the number or string of the only argument. An RPC passes the arguments by
+        name. If `path` is None, the path is an argument too. The value put for a verb without other arguments is then
+        the path."""
         about = {each.name: each.plain() for each in verb.arguments}
         single = verb.arguments[0] if len(verb.arguments) == 1 and path is not None else None
 
@@ -210,8 +212,8 @@ def parts_of(path: str, own: str = "") -> NameParts:
 
 
 def entry_of(part: str) -> str:
-    """Return a part of a name as an entry of the tree. An entry is a field of pvData, so it is neither a number alone
-    nor one of `RESERVED`."""
+    """Return a part of a name as an entry of the tree. An entry is a field of pvData, so it must not begin with a
+    digit. It must not be one of `RESERVED` either."""
     if part.isdigit():
         return f"{IN_LIST}{part}"
     if part[0].isdigit() or part.removeprefix(IN_LIST).isdigit():
@@ -275,7 +277,7 @@ def _number(item: MachineItem) -> Value:
 
 
 def precision_of(item: MachineItem) -> int:
-    """Return the number of digits after the point."""
+    """Return the number of digits after the decimal point."""
     return PRECISION if item.digits is None else item.digits
 
 
@@ -288,7 +290,7 @@ def number_in(given: Value, *, whole: bool = False) -> float:
 
 
 def _name_in(item: MachineItem, given: Value) -> str:
-    """The name of the state that was put."""
+    """Return the name of the state that was put."""
     names = list(item.states.values())
     index = int(given["value.index"]) if given.changed("value") or given.changed("value.index") else -1
     if not 0 <= index < len(names):
@@ -304,7 +306,7 @@ def _put(argument: VerbArgument, given: Value) -> Any:
 
 
 def _query(what: str, given: Any) -> Any:
-    """The arguments of an RPC by name. Raises CommandRefused if it has none."""
+    """Return the arguments of an RPC by name. Raises CommandRefused if its query is not a structure."""
     query = given["query"] if given.has("query") else {} if given.has("scheme") else given
     if not isinstance(query, Value | Mapping):
         raise CommandRefused(f"{what}: the query is not a structure with arguments")
@@ -312,7 +314,7 @@ def _query(what: str, given: Any) -> Any:
 
 
 def _argument(about: Mapping[str, Any] | None, value: Any) -> Any:
-    """Clients in a shell send every argument as a text."""
+    """Return an argument of an RPC in its declared type. Clients in a shell send every argument as text."""
     if isinstance(value, str) and about is not None and about["kind"] not in TEXTS:
         try:
             return json.loads(value)

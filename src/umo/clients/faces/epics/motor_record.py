@@ -48,7 +48,7 @@ class MotorRecord:
         return variable
 
     def _number(self, value: float = nan) -> Value:
-        """A position, or a distance."""
+        """Return a position or a distance as a scalar in the units of the axis."""
         low, high = float(self._axis["minimum"]), float(self._axis["maximum"])
         return scalar(
             value, units=str(self._axis["units"]), description=f"axis {self._path}", precision=self._precision,
@@ -90,7 +90,8 @@ class MotorRecord:
             self._field(name, scalar(0, "i"), self._home)
 
     def _add_speeds(self, items: Mapping[str, MachineItem]) -> None:
-        """VELO is the velocity of the axis' profile, ACCL the time to it, JVEL that of a jog."""
+        """Add VELO (the velocity of the axis' profile), ACCL (the time to reach that velocity) and JVEL (the velocity
+        of a jog)."""
         velocity, acceleration = (items.get(f"tunable:{self._axis[each]}") for each in ("velocity", "acceleration"))
         speed = self._field("VELO", self._speed(self._velocity), None if velocity is None else self._tune(velocity))
         time = self._field("ACCL", scalar(self._velocity / self._acceleration, units="s", precision=4))
@@ -143,7 +144,8 @@ class MotorRecord:
 
     def _jog(self, sign: float) -> CarryOut:
         async def jog(user: User, given: Value) -> None:
-            """Jog for 1 while the channel of this client is open; end the jog for 0."""
+            """Begin a jog if 1 is put, and end it if 0 is put. The jog lasts at most until the channel of this client
+            closes."""
             path = self._axis["jog"]
             if number_in(given):
                 await self._variables.ask(user, CALL.name, path, arguments={"velocity": sign * self._jog_velocity})
@@ -153,7 +155,8 @@ class MotorRecord:
         return jog
 
     async def _stop(self, user: User, given: Value) -> None:
-        """End what clients have begun. Raises CommandRefused if the application moves the axis."""
+        """End the moves, homings and jogs that clients have begun. Raises CommandRefused if the application moves the
+        axis."""
         axis, ended = self._axis, False
         for do, path in ((CANCEL.name, axis["move"]), (CANCEL.name, axis["home"]), (LET_GO.name, axis["jog"])):
             try:

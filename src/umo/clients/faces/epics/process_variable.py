@@ -15,7 +15,8 @@ from p4p.server.raw import SharedPV
 from umo.clients.faces.face import User
 
 CarryOut = Callable[[User, Any], Awaitable[Any]]
-"""Function that carries out a user's put of a value, or call with these arguments."""
+"""Function that carries out a put or a call of a user. Its second argument is the value of the put, or the arguments of
+the call."""
 TYPES: Mapping[str, Type] = {
     "d": NTScalar.buildType("d", display=True, control=True, form=True),
     "i": NTScalar.buildType("i", display=True, form=True),
@@ -41,11 +42,11 @@ class ProcessVariable:
         kept_up: bool = False,
     ) -> None:
         self.value = value
-        """The first value, or the last value if `kept_up`."""
+        """The initial value. If `kept_up` is True, it is updated to the last value sent."""
         self.write, self.call, self.kept_up = write, call, kept_up
         self.channels: list[SharedPV] = []
         self._lock = threading.Lock()
-        """Held while the channels, or the value of what is kept up, change: p4p's threads add channels."""
+        """Lock that is held while `channels` or `value` changes, because p4p's threads add channels."""
 
     def show(self, fields: Mapping[str, Any]) -> None:
         """Send new values of fields to the clients."""

@@ -43,7 +43,8 @@ class PvaServer:
         self._server: Server | None = None
         self._port = 0
         self._asking = ThreadPoolExecutor(1, "umo epics")
-        """A single thread finds out who a client is, so that commands are carried out in the order of arrival."""
+        """The single thread that finds out who a client is. Because there is only one, commands are carried out in the
+        order of arrival."""
         self._asked: Counter[str] = Counter()
         """Number of the puts and calls of each connection whose user is being looked up."""
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -199,7 +200,8 @@ class ClientRequest:
         return User(name, proved=uid is not None, is_owner=uid == os.getuid(), is_alive=alive)
 
     async def awaited(self, carry_out: CarryOut, user: User) -> Any:
-        """Carry out the request, up to the point until which the client waits."""
+        """Carry out the request. Return its result, or None if it is in progress and the client does not wait for the
+        end."""
         task = asyncio.ensure_future(carry_out(user, self._given))
         if not self._waits:
             done, _ = await asyncio.wait([task], timeout=BEGUN_AFTER)

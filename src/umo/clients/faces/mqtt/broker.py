@@ -1,4 +1,5 @@
-"""A connection to an MQTT broker that may come and go. It has a will, a bounded queue, and callbacks in the loop."""
+"""A connection to an MQTT broker, which is opened again after each loss. It has a will, a bounded queue, and callbacks
+in the loop."""
 
 from __future__ import annotations
 
@@ -60,7 +61,7 @@ class Broker:
     ) -> None:
         self.is_up = False
         self.dropped = 0
-        """Messages to the face that were dropped: too long, or too many at once."""
+        """Number of messages to the face that were dropped, because they were too long or too many at once."""
         self._address, self._topics, self._kept, self._will = address, topics, kept, will
         self._on_up, self._on_message = on_up, on_message
         self._unsent: deque[tuple[paho.MQTTMessageInfo, int]] = deque()
@@ -126,7 +127,7 @@ class Broker:
     # In the thread of the connection -------------------------------------------------------------------
 
     def _before(self, client: paho.Client, data: Any, connection: Any) -> None:
-        """The broker listens: CONNECT is sent next."""
+        """Set the will. Called when the broker has accepted the connection, immediately before CONNECT is sent."""
         will, self._is_refused = self._will(), False
         client.will_set(will.topic, will.payload, will.qos, will.retain)
 
@@ -152,7 +153,7 @@ class Broker:
         self.is_up = False
 
     def _tell(self, what: str) -> None:
-        """Once, however often it is tried."""
+        """Log a failure once, however often connecting is tried again."""
         if what != self._told:
             self._told = what
             log.warning("%s %s; umo tries again", self._address, what)

@@ -46,11 +46,11 @@ class HomeAssistant(Face):
     Options:
         host: the address of the broker. A broker on another computer needs `ca`.
         port: the TCP port of the broker.
-        prefix: the prefix of discovery that Home Assistant is configured with.
+        prefix: the discovery prefix in Home Assistant's configuration.
         topic: the topic below which the station's topics are.
         interval: time in s from one message of a number to the next, 0.1 to 3600. States and qualities are
             sent immediately.
-        ca: file of the certificates (PEM) against which that of the broker is checked. With it TLS is used.
+        ca: file of the certificates (PEM) against which the broker's certificate is checked. With it TLS is used.
         certificate: file of the face's certificate and key (PEM).
         user: the name of the user at the broker.
         password_file: file whose first line is the password of `user`.
@@ -73,10 +73,10 @@ class HomeAssistant(Face):
         self._changes: Changes | None = None
         self._link: Broker | None = None
         self._missed: dict[str, bytes | MachineItem] = {}
-        """The messages that the broker has not received, by topic, the longest waiting first; for an item its last
-        value."""
+        """The messages that the broker has not received, by topic, the longest waiting first. An item stands for the
+        message with its last value."""
         self._is_behind = False
-        """True if all of it is sent in order, as after connecting."""
+        """True if all missed messages must be sent in their order, as after connecting."""
         self._tasks = KeptTasks()
 
     async def open(self) -> None:
@@ -174,7 +174,7 @@ class HomeAssistant(Face):
             self._answer("refusal", path, f"{path}: {error}")
 
     def _answer(self, topic: str, path: str, text: str) -> None:
-        """The answer to a command, after the values that it has changed."""
+        """Publish the answer to a command, after the values that the command has changed."""
         if self._link is not None:
             self._send(self._missed)
             answer = {"path": path[:255], "text": text[:255], "time": text_of_time(datetime.now(UTC).timestamp())}

@@ -72,12 +72,12 @@ def told(item: MachineItem, changes: Changes) -> bytes:
 
 
 def _word(quality: Quality) -> str:
-    """The word for a quality."""
+    """Return the word for a quality."""
     return str(quality).lower()
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Texts as a list of Jinja."""
+    """Return texts as a list in the syntax of Jinja."""
     return json.dumps(list(names), ensure_ascii=False)
 
 
@@ -154,8 +154,8 @@ def _common(machine: Declaration, base: str) -> dict[str, Any]:
 
 
 def _value(base: str, item: MachineItem) -> dict[str, Any]:
-    """Return the topic of the value, and the template for its state. A value that is not one of the states is unknown
-    (`None`); otherwise Home Assistant would keep the last one."""
+    """Return the topic of the value, and the template for its state. A value that is not one of the states is shown as
+    unknown (`None`); otherwise Home Assistant would keep showing the last state."""
     topic, template = value_topic(base, item), "{{ value_json.value }}"
     if item.states:
         known = _listed(dict.fromkeys(item.states.values()))

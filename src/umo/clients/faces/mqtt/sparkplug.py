@@ -47,10 +47,10 @@ class Sparkplug(Face):
         host: the address of the broker. A broker on another computer needs `ca`.
         port: the TCP port of the broker.
         group: the group of the node.
-        node: the name of the node; default: that of the station.
+        node: the name of the node; default: the name of the station.
         primary: the primary host. Nothing is sent until its STATE is online.
         store: number of values that are kept while the broker or the primary host is away.
-        ca: file of the certificates (PEM) against which that of the broker is checked. With it TLS is used.
+        ca: file of the certificates (PEM) against which the broker's certificate is checked. With it TLS is used.
         certificate: file of the face's certificate and key (PEM).
         user: the name of the user at the broker.
         password_file: file whose first line is the password of `user`.
@@ -125,7 +125,8 @@ class Sparkplug(Face):
             await link.stop(Message(self._topic("NDEATH"), self._node.death(), 1))
 
     def _will(self) -> Message:
-        """Asked before each CONNECT: each has a number of its own (`tck-id-topics-nbirth-bdseq-increment`)."""
+        """Return the will for the next CONNECT. Each CONNECT has its own number
+        (`tck-id-topics-nbirth-bdseq-increment`)."""
         self._bd_seq = self._node.bd_seq = (self._bd_seq + 1) % 256
         return Message(self._topic("NDEATH"), self._node.death(), 1)
 
@@ -134,7 +135,8 @@ class Sparkplug(Face):
         self._give_birth()
 
     def _give_birth(self) -> bool:
-        """True if the node is born now: not before there are values, nor without the primary host."""
+        """Publish the birth, and return True if the broker accepts it. There is no birth without values, or while a
+        configured primary host is offline."""
         if self._link is None or self._changes is None or (self._primary and not self._host_online):
             return False
         birth = self._node.birth(self._changes, self.dropped)
@@ -142,7 +144,7 @@ class Sparkplug(Face):
         return self._is_born
 
     def _send(self, payload: Any) -> None:
-        """Send data, or keep it."""
+        """Send data. If that is not possible now, store the data."""
         if self._is_born and self._link is not None:
             if self._link.send(self._topic("NDATA"), self._node.numbered(payload)):
                 return
@@ -181,7 +183,8 @@ class Sparkplug(Face):
             self._answer(REFUSAL, f"a message with {more} metrics is too long: it may have at most {MAX_METRICS}", {})
 
     def _hear_host(self, payload: bytes) -> None:
-        """The primary host has come, or gone: then the session ends, and the next one waits for it."""
+        """Take a STATE message of the primary host. If the host is online again, publish the birth. If it has gone
+        offline, end the session; the next session waits for the host."""
         try:
             state = json.loads(payload)
             online, at = state["online"] is True, int(state["timestamp"])

@@ -57,7 +57,7 @@ class SparkplugNode:
         self.actions = {METRICS.of(str(each["path"]), ACTION): each for each in machine.actions}
         self.verbs = {METRICS.of(verb.word, VERB): verb for verb in offered()}
         self._told = [-1] * len(machine.items)
-        """The quality of each item that was told last."""
+        """The last published quality of each item."""
         self._seq = 0
 
     def name_of(self, metric: Any) -> str:
@@ -147,7 +147,7 @@ def _payload() -> Any:
 
 
 def _describe(item: MachineItem, metric: Any) -> None:
-    """Unit, range and states as properties."""
+    """Add unit, range and states of an item to a metric, as properties."""
     if item.look:
         put_property(metric, "engUnit", item.look)
     for key, limit in (("engLow", item.minimum), ("engHigh", item.maximum)):

@@ -44,7 +44,7 @@ COMPANIONS = ("Di", "IA", "Machinery", "PackML")
 REFUSAL = 300
 """Severity of the event of a refusal."""
 REFUSAL_PAUSE = 1.0
-"""Time in s from one event that reports a refusal of a user to the next."""
+"""Shortest time in s between two events that report refusals of the same user."""
 
 
 GONE_ANSWER = Answer(ua.StatusCode(_C.BadNoCommunication), "the machine does not run")
@@ -80,7 +80,7 @@ class OpcUa(Face):
         self._kinds: Kinds | None = None
         self._tree: NodeTree | None = None
         self._shown: Declaration | None = None
-        """The machine whose nodes are there."""
+        """The machine whose nodes are in the address space."""
         self._nodes: MachineNodes | None = None
         self._units: PackMLUnits | None = None
         self._happenings: MachineEvents | None = None
@@ -119,8 +119,8 @@ class OpcUa(Face):
         self._server = server
 
     async def _fill(self, server: UaServer) -> None:
-        """The address space of the standards. None of its 7,000 nodes is garbage: without the collector it takes 1.2 s
-        of the processor, with it 1.8 s."""
+        """Create the address space of the standards. The garbage collector is off meanwhile, because none of the 7,000
+        nodes is garbage: without it this takes 1.2 s of processor time, with it 1.8 s."""
         collects = gc.isenabled()
         gc.disable()
         try:
@@ -218,7 +218,8 @@ class OpcUa(Face):
         return await self._commands.call(session, request.MethodId, arguments, called)
 
     def _acknowledged(self, request: ua.CallMethodRequest) -> str | None:
-        """The alarm that a call acknowledges: by its own method, or by that of the standard."""
+        """Return the alarm that a call acknowledges, or None. The called method is that of the alarm, or that of the
+        standard."""
         if self._nodes is None:
             return None
         alarm = self._nodes.alarm_of(request.ObjectId)
@@ -226,7 +227,8 @@ class OpcUa(Face):
         return alarm if alarm is not None and (own == alarm or request.MethodId == ACKNOWLEDGE) else None
 
     async def _acknowledge(self, session: UaSession, request: Any, alarm: str, arguments: list[Any]) -> Answer:
-        """Acknowledge an alarm that the client has seen. Others cannot be acknowledged."""
+        """Acknowledge an alarm. If the call names an event that is not the last event of the alarm, the call is
+        refused."""
         if self._commands is None or self._happenings is None:
             return Answer(ua.CallMethodResult(GONE_ANSWER.result), GONE_ANSWER.words)
         event = arguments[0].Value if arguments else None
@@ -244,7 +246,7 @@ class OpcUa(Face):
         return self._commands.may(session, item.verb.name, item.path)
 
     def _may_call(self, session: Any, method: ua.NodeId) -> bool:
-        """True if a session may call a method; without a session, if anybody may."""
+        """True if a session may call a method. Without a session: True if any user may call it."""
         called = None if self._nodes is None else self._nodes.methods.get(method)
         if called is None and self._nodes is not None and (alarm := self._nodes.acknowledging.get(method)) is not None:
             called = acknowledging(alarm)
@@ -253,14 +255,15 @@ class OpcUa(Face):
         return self._commands is not None and self._commands.may(session, called.verb.name, called.path or "")
 
     def _true_at(self, node: ua.NodeId) -> datetime | None:
-        """Values of the machine are as they were in the last period that was seen."""
+        """Return the time of the last period that was read, if this is a node of the machine; otherwise None, which
+        means now."""
         if self._tree is None or node.NamespaceIndex != self._tree.namespace:
             return None
         return moment(self._utc)
 
     def _tell_refusal(self, who: str, words: str) -> None:
-        """Write a refusal to the variable LastRefusal and report it as an event, at most one a second for each user:
-        more would push alarms out of the queues of clients."""
+        """Write a refusal to the variable LastRefusal and report it as an event. There is at most one such event per
+        second and user, because more events would displace alarms from the queues of clients."""
         is_event = self._refusals.is_told(who, time.monotonic())
         assert self._tree is not None and self._nodes is not None and self._happenings is not None
         text = ua.Variant(f"{who}: {words}", ua.VariantType.String)

@@ -23,7 +23,7 @@ from umo.errors import PathError, UmoError
 from umo.operation.commands.verb import Verb
 
 BEGUN_WITHIN = 0.5
-"""Time in s after which an action that was not refused, and that its client holds, counts as begun."""
+"""Time in s after which a dead-man action is answered as begun if it was not refused."""
 PATIENCE = 10.0
 """Time in s after which an action that still runs is answered with GoodCompletesAsynchronously: clients wait for 15 s
 or longer."""
@@ -85,14 +85,15 @@ class ClientCommands:
             return refusal
 
     def _wrong(self, session: UaSession, called: Called, result: ua.CallMethodResult) -> Answer:
-        """Return the answer to arguments that are not those declared."""
+        """Return the answer to a call whose arguments do not match their declarations."""
         takes = ", ".join(f"{name} ({kind})" for name, kind in called.kinds.items()) or "no arguments"
         refusal = self._refusal(session, UaRefusal(result.StatusCode.value, f"the method takes {takes}"))
         refusal.result = result
         return refusal
 
     async def _patiently(self, session: UaSession, work: Coroutine[Any, Any, Any], patience: float) -> Answer:
-        """The result of an action, or that it continues. It is not cancelled with the request."""
+        """Return the result of an action, or the answer that the action continues. The action is not cancelled with the
+        request."""
         task = self._running.begin(work)
         done, _ = await asyncio.wait({task}, timeout=patience)
         if done:
@@ -101,7 +102,8 @@ class ClientCommands:
         return Answer(_result(LATER, None))
 
     def _ended(self, session: UaSession, task: asyncio.Task[Any]) -> None:
-        """Note the end of an action that was answered before its end. A failure is also in the machine's events."""
+        """Report the failure of an action that was answered before its end. The failure is also in the machine's
+        events."""
         if not task.cancelled() and isinstance(error := task.exception(), UmoError):
             self._refusal(session, error)
 
@@ -120,7 +122,7 @@ class ClientCommands:
 
 
 def _user_of(session: UaSession) -> User:
-    """UaRefusal of an anonymous session."""
+    """Return the user of a session. Raises UaRefusal for an anonymous session."""
     user: User | None = session.user.user
     if user is None:
         raise UaRefusal(_C.BadUserAccessDenied, ANONYMOUS)
@@ -128,7 +130,8 @@ def _user_of(session: UaSession) -> User:
 
 
 def _arguments(called: Called, variants: list[ua.Variant]) -> tuple[str, dict[str, Any]]:
-    """Path and arguments of a command; those that are null have their defaults."""
+    """Return the path and the arguments of a command. Arguments that are null are left out, so that their defaults
+    apply."""
     values = {
         name: each.Value.Text if isinstance(each.Value, ua.LocalizedText) else each.Value
         for name, each in zip(called.kinds, variants, strict=False)
@@ -144,7 +147,8 @@ def _arguments(called: Called, variants: list[ua.Variant]) -> tuple[str, dict[st
 
 
 def _codes(called: Called, variants: list[ua.Variant], error: UmoError) -> list[int]:
-    """Return the arguments that the machine has refused; none if the command is refused as a whole."""
+    """Return a status code for each argument: 0, or the reason why the machine refused it. All are 0 if the command is
+    refused as a whole."""
     pairs = zip(called.arguments, variants, strict=False)
     unknown = called.path is None and isinstance(error, PathError)
     return [

@@ -131,7 +131,7 @@ class Processor(UaProcessor):
         return await super()._process_message(typeid, header, sequence, body)
 
     def _own(self, header: Any) -> Any:
-        """The session of this connection. Raises ServiceError if a request is of another one."""
+        """Return the session of this connection. Raises ServiceError if a request belongs to another session."""
         session: Any = self.session
         if session is None and self.iserver.lookup_external_session(header.AuthenticationToken) is not None:
             raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
@@ -142,7 +142,8 @@ class Processor(UaProcessor):
         return session
 
     async def _activate(self, *message: Any) -> Any:
-        """Log in, one at a time: a flood of wrong passwords leaves time for the machine's values."""
+        """Log in. Only one client at a time can log in, so that a flood of wrong passwords does not delay the machine's
+        values."""
         async with self.iserver.logging_in:
             try:
                 return await self._log_in(*message)
@@ -151,7 +152,8 @@ class Processor(UaProcessor):
                 raise
 
     async def _log_in(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
-        """A session that is activated may be taken up on a new connection. The old one has it no more."""
+        """Log in to a session. A session that is already activated can be continued on a new connection; the old
+        connection then loses it."""
         if self.session is not None and self.session.state is SessionState.Closed:
             self._leave()
         is_new = self.session is None
@@ -177,14 +179,14 @@ class Processor(UaProcessor):
         return answered
 
     def _leave(self) -> None:
-        """This connection has a session no more: what happens to the one does not concern the other."""
+        """Separate this connection from its session, so that the end of one does not affect the other."""
         self.session = None
         if self._session_watchdog_task is not None:
             self._session_watchdog_task.cancel()
             self._session_watchdog_task = None
 
     def _serve(self, typeid: Any, header: Any, sequence: Any, body: Any) -> bool:
-        """Answer a service of a session, or begin to."""
+        """Answer a service of a session. The answer to a Write, Call or Publish request is sent later."""
         session = self._own(header)
         if not session.is_activated():
             raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
@@ -250,8 +252,8 @@ class Processor(UaProcessor):
     # Writes and calls --------------------------------------------------------------------------------------
 
     def _begin(self, typeid: Any, header: Any, sequence: Any, body: Any) -> None:
-        """Answer it in a task of its own. The task continues when the connection has gone: the gateway ends holds
-        without a living client."""
+        """Begin to answer a Write or Call request in a separate task. The task continues even if the connection is
+        lost; the gateway ends the holds of clients that are no longer alive."""
         session: Any = self.session
         if self._answers >= limits.MAX_ANSWERS:
             raise ServiceError(ua.StatusCodes.BadTooManyOperations)

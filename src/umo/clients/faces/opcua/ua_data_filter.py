@@ -14,7 +14,7 @@ from umo.clients.faces.opcua.ua_types import NUMBER, below, is_structure
 
 _C = ua.StatusCodes
 STATUS, VALUE, TIMESTAMP = range(3)
-"""Triggers; each includes those before it."""
+"""Triggers. Each trigger includes the ones before it."""
 NO_DEADBAND, ABSOLUTE, PERCENT = range(3)
 """Types of deadbands."""
 
@@ -85,7 +85,8 @@ def _has_numbers(space: AddressSpace, node: ua.NodeId) -> bool:
 
 
 def _span(space: AddressSpace, node: ua.NodeId) -> float:
-    """Width of its EURange. Raises ServiceError if it has none, or one without an end."""
+    """Return the width of a node's EURange. Raises ServiceError if there is no EURange, or if its width is not finite
+    and positive."""
     for each in space[node].references:
         if each.IsForward and each.BrowseName.Name == "EURange":
             value = space.read_attribute_value(each.NodeId, ua.AttributeIds.Value).Value

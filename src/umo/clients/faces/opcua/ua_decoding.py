@@ -1,8 +1,8 @@
 """Limits the lengths in a message by the number of the message's bytes (OPC 10000-6, 5.2).
 
-asyncua 2.1 trusts the lengths in a message: an array with two thousand million nulls, which take no bytes; a string
-with a length of -4 bytes, which makes the decoder go back and read the string again; dimensions of a million for an
-empty array. A hundred bytes, sent before any session, would cost minutes and gigabytes.
+asyncua 2.1 trusts the lengths in a message. It would decode, for example: an array with two thousand million nulls,
+which take no bytes; a string with a length of -4 bytes, which makes the decoder go back and read the string again;
+dimensions of a million for an empty array. A hundred bytes, sent before any session, would cost minutes and gigabytes.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ _count = Count()
 
 
 def _elements(element: Decode, data: Any) -> list[Any] | None:
-    """The elements of an array; each takes a byte at least."""
+    """Decode the elements of an array. Raises ServiceError if the array has more elements than bytes are left, as each
+    element takes at least one byte."""
     length = binary.Primitives.Int32.unpack(data)
     if length == -1:
         return None
@@ -91,7 +92,8 @@ def _element(decode: Decode, data: Any) -> Any:
 
 
 def _reshaped(flat: list[Any], dimensions: list[int] | None) -> list[Any]:
-    """The dimensions of an array are those of the elements that have come."""
+    """Return the elements in the shape of an array. Raises ServiceError if the dimensions do not match the number of
+    elements."""
     if not dimensions or len(dimensions) > MAX_DIMENSIONS or min(dimensions) < 0 or prod(dimensions) != len(flat):
         raise ServiceError(WRONG)
     return _shaped(flat, dimensions) if flat else flat

@@ -38,7 +38,7 @@ supported."""
 
 
 class EventFilter:
-    """The filter of a client, checked. Raises ServiceError if it cannot be used at all; `result` lists its errors."""
+    """The checked filter of a client. Raises ServiceError if it cannot be used at all; `result` lists its errors."""
 
     def __init__(self, space: AddressSpace, given: Any) -> None:
         if is_structure(given, ua.DataChangeFilter) or is_structure(given, ua.AggregateFilter):
@@ -60,7 +60,8 @@ class EventFilter:
         self.is_valid = not too_many and not all(clauses) and all(each.StatusCode.is_good() for each in elements)
         """True if there is at least one valid field, and a where clause that can be evaluated."""
         self.cost = self._cost()
-        """The cost of an event, in about 2 us: each field, each element of the where clause, and each text in it."""
+        """The cost of an event, in units of about 2 us. Each field, each element of the where clause, and each text in
+        it counts."""
 
     def _cost(self) -> int:
         operands = [each for element in self._where for each in element.FilterOperands or []]
@@ -71,7 +72,7 @@ class EventFilter:
     # Fields ------------------------------------------------------------------------------------------------
 
     def _clause(self, clause: Any) -> int:
-        """The code of a field that is not there, or 0 if it may be there."""
+        """Return 0 if events can have the field of a clause; otherwise the code of the error."""
         if not below(self._space, clause.TypeDefinitionId, BASE_EVENT):
             return _C.BadTypeDefinitionInvalid
         if clause.AttributeId not in (_A.Value, _A.NodeId):
@@ -127,7 +128,8 @@ class EventFilter:
         return _C.BadFilterOperandInvalid
 
     def passes(self, event: Any) -> bool:
-        """True if an event is sent, because the where clause is true for it, neither false nor null."""
+        """True if an event is sent: the where clause is empty, or is true for the event. It is not sent if the clause
+        is false or null."""
         results: list[bool | None] = [None] * len(self._where)
         for place in reversed(range(len(self._where))):  # each once, however often others refer to it
             element = self._where[place]
@@ -165,7 +167,8 @@ class EventFilter:
 
 
 def _field(event: Any, clause: Any) -> ua.Variant:
-    """A field of an event. The NodeId of the condition is asked for by its attribute, without a path."""
+    """Return a field of an event. A client requests the NodeId of the condition by the attribute NodeId, without a
+    path."""
     path = clause.BrowsePath or []
     if not path and clause.AttributeId == _A.NodeId:
         name = "NodeId"

@@ -67,7 +67,7 @@ class MachineEvents:
         self._kinds, self._nodes = kinds, nodes
         self._states: dict[str, AlarmState] = {}
         self._ids: dict[str, bytes] = {}
-        """The last event of each alarm: what a client acknowledges."""
+        """The last event of each alarm, which a client acknowledges."""
 
     def alarm(self, item: MachineItem, number: float, utc: float) -> None:
         """Report the state of an alarm. An alarm's first state is reported only if it is not normal."""

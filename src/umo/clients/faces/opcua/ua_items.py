@@ -53,7 +53,7 @@ class MonitoredItem:
             self._queue(each)
 
     def _queue(self, content: Any) -> None:
-        """Queue a notification. If the queue is full, one is left out, and the client is informed."""
+        """Queue a notification. If the queue is full, one notification is left out, and the client is informed."""
         raise NotImplementedError
 
     @property
@@ -91,13 +91,14 @@ class DataItem(MonitoredItem):
         self, number: int, stir: Stir, clock: Callable[[], float], source: AttributeValue, new: DataFilter,
         request: Any, timestamps: int, publishing: float,
     ) -> None:  # fmt: skip
-        """`clock` in s; `publishing`: the interval of the subscription, ms."""
+        """`clock`: function that returns the time in s; `publishing`: the publishing interval of the subscription in
+        ms."""
         super().__init__(number, stir, int(request.MonitoringMode), request.RequestedParameters)
         self._clock, self._source, self.asked = clock, source, request.ItemToMonitor
         self._last: ua.DataValue | None = None
-        """The value that was put into the queue last."""
+        """The last value that was put into the queue."""
         self._held: ua.DataValue | None = None
-        """A value that has come since the last sample."""
+        """The latest value that has arrived since the last sample."""
         self._began, self._tick = clock(), 0
         self.filter, self.timestamps = new, timestamps
         self.sampling = revised_sampling(request.RequestedParameters.SamplingInterval, publishing)
@@ -113,7 +114,7 @@ class DataItem(MonitoredItem):
             self.take(self._source.value)
 
     async def _heard(self, item: DataItem, value: ua.DataValue) -> None:
-        """Receive a change of a node of asyncua's own."""
+        """Take a change of a node that asyncua itself manages."""
         self.take(value)
 
     def take(self, value: ua.DataValue) -> None:
@@ -205,7 +206,7 @@ class EventItem(MonitoredItem):
     def __init__(
         self, number: int, stir: Stir, node: ua.NodeId, request: Any, events: EventFilter, overflown: Callable[[], Any]
     ) -> None:
-        """`overflown` makes the event that reports that events were left out."""
+        """`overflown`: function that returns the event which reports that events were left out."""
         super().__init__(number, stir, int(request.MonitoringMode), request.RequestedParameters)
         self.node, self.filter, self._overflown = node, events, overflown
         self.sampling = 0.0

@@ -63,7 +63,7 @@ MAX_RESPONSE = 4 << 20
 """Largest number of bytes of a response, as estimated while the response is made. Each 100 kB cost the face 10 ms or
 more."""
 MAX_EVENT_COST = 10_000
-"""Largest cost of the filters of all event items: each event then costs about 30 ms."""
+"""Largest total cost of the filters of all event items. At this cost each event takes about 30 ms."""
 MAX_ELEMENTS = 2 * MAX_READ
 """Largest number of elements of an array in a message, including the elements of nested arrays. Each element takes 20
 us and 300 bytes."""

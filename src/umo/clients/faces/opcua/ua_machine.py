@@ -28,7 +28,7 @@ ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bo
 """Data types of the arguments of actions by their kinds; arguments of other kinds are strings."""
 RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
 PATH = "Path"
-"""The argument that has the path of a verb."""
+"""The argument that contains the path of a verb."""
 VERB_TYPES: Mapping[ArgumentKind, int] = {
     ArgumentKind.NUMBER: O.Double,
     ArgumentKind.TIME: O.Double,
@@ -49,7 +49,7 @@ class Called:
 
     verb: Verb
     path: str | None
-    """The path of the verb; None if the argument `Path` has the path."""
+    """The path of the verb; None if the argument `Path` contains it."""
     kinds: Mapping[str, str]
     keeps_up: bool = False
     arguments: Sequence[Mapping[str, Any]] = ()
@@ -69,7 +69,7 @@ def acknowledging(alarm: str) -> Called:
 
 
 def calling(verb: Verb, path: str | None) -> Called:
-    """Return the effect of the method of a verb. `path` is None if the argument `Path` has the path."""
+    """Return the effect of the method of a verb. `path` is None if the argument `Path` contains the path."""
     own = [each.plain() | {"name": each.name.capitalize()} for each in verb.arguments]
     about = own if path is not None else [{"name": PATH, "kind": "text", "required": True}, *own]
     return Called(verb, path, {each["name"]: each["kind"] for each in about}, verb.is_kept_up, tuple(about))
@@ -100,9 +100,9 @@ class MachineNodes:
         self.alarms: dict[str, ua.NodeId] = {}
         """The object of each alarm."""
         self.acknowledging: dict[ua.NodeId, str] = {}
-        """The alarm that each method Acknowledge is for."""
+        """The alarm that each method Acknowledge acknowledges."""
         self.by_path: dict[str, ua.NodeId] = {}
-        """Objects, parts, signals by their paths."""
+        """The nodes of objects, parts and signals by their paths."""
         self.root = tree.object(machines, "machine", machine.station, reference=O.Organizes, description=machine.wiring)
         self._parts: dict[str, ua.NodeId] = {"": self.root}
         self._folders: dict[str, ua.NodeId] = {}
@@ -120,8 +120,8 @@ class MachineNodes:
             self._add_verb(self.root, f"command:{verb.name}", verb.title, calling(verb, path))
 
     def part(self, path: str) -> ua.NodeId:
-        """Return the object of a compound; "" means the machine. A node below an object, such as its velocity, is below
-        the variable of the object."""
+        """Return the object of a compound; "" means the machine. If the path is that of an object, the nodes below it,
+        such as a velocity, are below the object's variable."""
         if path not in self._parts:
             above = self.part(path.rpartition(".")[0])
             self._parts[path] = self._tree.object(above, PARTS.of(path, "part"), browse_name(path))
@@ -129,7 +129,7 @@ class MachineNodes:
         return self._parts[path]
 
     def _folder(self, name: str) -> ua.NodeId:
-        """A folder of umo's own in the machine."""
+        """Return a folder that umo itself adds to the machine."""
         if name not in self._folders:
             self._folders[name] = self._tree.object(self.root, f"part:{name}", name)
         return self._folders[name]
@@ -150,7 +150,7 @@ class MachineNodes:
         return node
 
     def _place(self, item: MachineItem) -> tuple[ua.NodeId, str]:
-        """Parent and name of its variable."""
+        """Return the parent and the name of the variable of an item."""
         if item.kind is ItemKind.ALARM:
             return self._alarm(item), "State"
         if item.kind in (ItemKind.EQUIPMENT, ItemKind.AXIS):
@@ -182,7 +182,8 @@ class MachineNodes:
         return node
 
     def _state(self, parent: ua.NodeId, name: str, item: MachineItem) -> ua.NodeId:
-        """Two states, 0 and 1, are a Boolean; others are a number with a name."""
+        """Add the variable of a state. If the states are 0 and 1, the variable is a Boolean; otherwise it is a number
+        with a name for each state."""
         switch, text = is_switch(item), item.identity(IDENTITIES)
         kind = O.TwoStateDiscreteType if switch else O.MultiStateValueDiscreteType
         node = self._tree.variable(parent, text, name, kind, type_of(item).value, item.writable, description=item.path)
@@ -198,7 +199,7 @@ class MachineNodes:
         return node
 
     def _alarm(self, item: MachineItem) -> ua.NodeId:
-        """The object of an alarm in the folder Alarms, named by its path."""
+        """Add the object of an alarm to the folder Alarms. The path of the alarm is the object's name."""
         about = f"{item.about.get('text', '')} (priority {item.about.get('priority', '')})"
         own = IDENTITIES.of(item.path, "condition")
         node = self._tree.object(self._folder(ALARMS), own, IDENTITIES.part(item.path), description=about)
@@ -237,12 +238,12 @@ class MachineNodes:
 
 
 def _depth(item: MachineItem) -> int:
-    """An object stands before what is below it."""
+    """Return the depth of an item, by which an object is sorted before the items below it."""
     return item.path.count(".")
 
 
 def _about(each: Mapping[str, Any]) -> str:
-    """An argument as text: its range, choices, default."""
+    """Return the range, choices and default of an argument as text."""
     parts = []
     if each["kind"] in ("number", "integer"):
         low, high = (each.get(key) for key in ("minimum", "maximum"))

@@ -95,7 +95,7 @@ def _refresh_one(session: Any, given: list[Any]) -> list[Any]:
 
 
 def _items(session: Any, given: list[Any]) -> list[Any]:
-    """Handles of the items of a subscription: of the server, of the client."""
+    """Return the server's handles and the client's handles of the items of a subscription."""
     items = session.monitoring.of(session, given[0].Value).items
     numbers = [list(items), [each.handle for each in items.values()]]
     return [ua.Variant(each, ua.VariantType.UInt32, is_array=True) for each in numbers]

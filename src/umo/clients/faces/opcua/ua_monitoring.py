@@ -27,7 +27,7 @@ _C = ua.StatusCodes
 _A = ua.AttributeIds
 _O = ua.ObjectIds
 OF_SESSION = (_A.UserAccessLevel, _A.UserExecutable, _A.Executable)
-"""Attributes that are computed for each session, and do not change during it."""
+"""Attributes that are computed for each session, and do not change during the session."""
 SUBSCRIBE_TO_EVENTS = 1
 """The bit SubscribeToEvents of EventNotifier."""
 OWN_SEVERITY = 100
@@ -45,7 +45,7 @@ class Monitoring:
         """The last event of each condition that is to be retained."""
         self._numbers, self._items = count(1), count(1)
         self._own: dict[int, Any] = {}
-        """An event of each type of our own, to be copied."""
+        """One event of each type that this server itself creates, as a template to copy."""
 
     async def prepare(self, server: Any) -> None:
         """Look up the types of the events that this server creates itself."""
@@ -153,7 +153,8 @@ class Monitoring:
         return EventItem(next(self._items), owner.stir, node, asked, events, overflown)
 
     def _event_filter(self, given: Any, result: Any, before: int) -> EventFilter:
-        """`result`: where it is told what is wrong with it; `before`: the cost of the one in whose place it comes."""
+        """Return a checked filter for events. The errors of the filter are stored in `result`. `before`: the cost of
+        the filter that this one replaces."""
         events = EventFilter(self._space, given)
         if not (events.is_valid and events.is_whole):
             result.FilterResult = events.result

@@ -59,7 +59,7 @@ class PackMLUnits:
     def __init__(self, server: Any, tree: NodeTree, namespace: int) -> None:
         self._server, self._tree, self._namespace = server, tree, namespace
         self._states: dict[int, str] = {}
-        """Identifier of the unit whose state an item is."""
+        """For the number of each item that is the state of a unit: the identifier of that unit."""
         self._modes: dict[int, str] = {}
 
     async def build(self, machine: Declaration, nodes: MachineNodes) -> None:
@@ -117,7 +117,7 @@ class PackMLUnits:
 
 
 async def _below(node: Any) -> list[ua.NodeId]:
-    """Return the nodes that were created with it."""
+    """Return the nodes below a node that were created with it."""
     found: list[ua.NodeId] = []
     for each in await node.get_references(ua.ObjectIds.Aggregates, ua.BrowseDirection.Forward):
         if each.NodeId.NamespaceIndex == node.nodeid.NamespaceIndex:

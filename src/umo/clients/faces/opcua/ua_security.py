@@ -72,7 +72,7 @@ class Security:
 
 
 def _pair(file: Path) -> tuple[x509.Certificate, object]:
-    """Certificate and key of a PEM file."""
+    """Return the certificate and the key in a PEM file."""
     try:
         data = file.read_bytes()
         found = KEY.search(data)

@@ -121,7 +121,7 @@ def _read(session: Any, asked: Any) -> Any:
 
 
 def _history_read(session: Any, asked: Any) -> Any:
-    """Refuse, because there is no history: recordings and fleets have it."""
+    """Refuse the request, because this server has no history. Recordings and fleets have one."""
     check_timestamps(asked.TimestampsToReturn)
     unsupported = ua.StatusCode(_C.BadHistoryOperationUnsupported)
     space = session.iserver.aspace
@@ -141,7 +141,7 @@ def _browse(session: Any, asked: Any) -> Any:
 
 
 def _roomy(result: Any, room: ResponseSpace) -> Any:
-    """Return the result if a response has room for it."""
+    """Return the result. Raises ServiceError if the response has no room for it."""
     room.take(REFERENCE * len(result.References or []))
     return result
 
@@ -159,7 +159,7 @@ def _translate(session: Any, asked: Any) -> Any:
 
 
 def _register(session: Any, asked: Any) -> Any:
-    """Nodes need no preparation: their own identifiers are the registered ones."""
+    """Return the identifiers of the nodes unchanged, because nodes need no preparation."""
     nodes = counted(asked.NodesToRegister)
     if any(each.is_null() for each in nodes):
         raise ServiceError(_C.BadNodeIdInvalid)

@@ -87,7 +87,7 @@ class UaSession(InternalSession):
         return result
 
     def _is_of(self, name: str) -> bool:
-        """True if it is still a session of this user, and connected."""
+        """True if this is still a session of this user, and is connected."""
         connected = self.processor is not None and self.processor.is_open
         return connected and self.state is SessionState.Activated and _name(self.user) == name
 

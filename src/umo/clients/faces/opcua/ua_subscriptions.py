@@ -60,7 +60,7 @@ class Publisher:
     subscriptions: dict[int, UaSubscription] = field(default_factory=dict)
     requests: deque[PublishRequest] = field(default_factory=deque)
     _ended: deque[ua.PublishResult] = field(default_factory=lambda: deque(maxlen=limits.MAX_SUBSCRIPTIONS))
-    """Notifications that subscriptions have ended by themselves, not sent yet."""
+    """Unsent notifications about subscriptions that have expired."""
 
     def publish(self, header: Any, sequence: Any, acknowledged: Iterable[Any]) -> None:
         """Accept a Publish request."""
@@ -153,13 +153,13 @@ class UaSubscription:
         self.is_late = False
         """True if the next Publish request is answered at once."""
         self._stirred: dict[MonitoredItem, None] = {}
-        """Items that may have something to tell."""
+        """Items that may have notifications to publish."""
         self._portions: deque[list[Any]] = deque()
         """Notifications of items that could not be sent in one message."""
         self._next = 1
         self._is_first = True
         self._quiet = self._silent = 0
-        """Cycles without a notification; without a Publish request."""
+        """Number of publishing cycles without a notification, and without a Publish request."""
         self._task: asyncio.Task[None] | None = None
         self.pub_result_callback = self.pub_request_callback = None  # asyncua sets them when a session is taken up
         self.set(given)
@@ -236,7 +236,7 @@ class UaSubscription:
     # What is told ------------------------------------------------------------------------------------------
 
     def stir(self, item: MonitoredItem) -> None:
-        """Note that an item may have a notification."""
+        """Record that an item may have a notification."""
         self._stirred[item] = None
 
     def _settle(self) -> None:
@@ -249,7 +249,7 @@ class UaSubscription:
         return bool(self._portions) or any(each.is_told for each in self._stirred)
 
     def _notifications(self) -> list[Any]:
-        """The next portion, oldest first of each item."""
+        """Return the next portion of notifications, those of each item beginning with the oldest."""
         if self._portions:
             return self._portions.popleft()
         told: list[Any] = []
@@ -272,8 +272,8 @@ class UaSubscription:
             self._divide(told, code)
 
     def _divide(self, told: list[Any], code: int) -> None:
-        """Divide what does not fit into one message; a single value that does not fit is sent as a status without a
-        value."""
+        """Divide notifications that do not fit into one message. A single notification that does not fit is sent
+        without its content."""
         half = len(told) // 2
         if half:
             self._portions.extendleft((told[half:], told[:half]))
@@ -300,7 +300,7 @@ class UaSubscription:
         )  # fmt: skip
 
     def touch(self) -> None:
-        """Note that the client has sent a request that names this subscription."""
+        """Record that the client has sent a request that names this subscription."""
         self._silent = 0
 
     def add(self, item: MonitoredItem) -> None:
@@ -327,7 +327,7 @@ class UaSubscription:
 
 
 def _data(told: list[Any]) -> list[Any]:
-    """Notifications as the data of a message."""
+    """Return notifications as the data of a message."""
     values = [each for each in told if isinstance(each, ua.MonitoredItemNotification)]
     events = [each for each in told if isinstance(each, ua.EventFieldList)]
     found: list[Any] = [ua.DataChangeNotification(MonitoredItems=values)] if values else []
@@ -335,7 +335,7 @@ def _data(told: list[Any]) -> list[Any]:
 
 
 def _weight(notification: Any) -> int:
-    """About how many bytes it takes."""
+    """Return the approximate size of a notification in bytes."""
     if isinstance(notification, ua.MonitoredItemNotification):
         return weight(notification.Value)
     return sum(map(weight, notification.EventFields))
@@ -355,6 +355,6 @@ def _bare(notification: Any, code: int) -> Any | None:
 
 
 def _size(message: ua.NotificationMessage) -> int:
-    """Number of its notifications."""
+    """Return the number of notifications in a message."""
     lists = (getattr(each, name, ()) for each in message.NotificationData for name in ("MonitoredItems", "Events"))
     return sum(map(len, lists))

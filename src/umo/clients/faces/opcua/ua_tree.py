@@ -89,7 +89,7 @@ class NodeTree:
             self._nodes.add_references([item])[0].check()
 
     def adopt(self, nodes: Sequence[ua.NodeId]) -> None:
-        """Note nodes that other code has added, so that `clear` removes them, too."""
+        """Register nodes that other code has added, so that `clear` removes them, too."""
         self._made += nodes
 
     def clear(self) -> None:
@@ -121,7 +121,8 @@ class NodeTree:
         own: int | None = None,
         description: str = "",
     ) -> ua.NodeId:
-        """`kind`: the type; `own`: the namespace of its name, if that is another; `reference`: from its parent."""
+        """Add a node. `kind`: the type of the node; `own`: the namespace of its name, if it is not that of the tree;
+        `reference`: the type of the reference from its parent."""
         item = ua.AddNodesItem()
         item.RequestedNewNodeId = self.id(text)
         item.BrowseName = ua.QualifiedName(name, self.namespace if own is None else own)
@@ -137,8 +138,8 @@ class NodeTree:
         return result.AddedNodeId
 
     def _hang(self, parent: ua.NodeId, item: Any, reference: ua.NodeId) -> None:
-        """Refer to a new node from its parent. asyncua would look at all other children first, which takes 8 s for
-        3,000."""
+        """Refer to a new node from its parent. asyncua would search all other children first, which takes 8 s for 3,000
+        children."""
         above, node = self._space[parent], item.RequestedNewNodeId
         down, up = ua.ReferenceDescription(), ua.ReferenceDescription()
         down.ReferenceTypeId = up.ReferenceTypeId = reference

@@ -25,8 +25,8 @@ RESULTS = (
     (16, "DisplayName", ua.LocalizedText()),
     (32, "TypeDefinition", ua.NodeId()),
 )
-"""Bits of a result mask. Each has the field of a reference, and the value that replaces the field if it is not
-requested."""
+"""Bits of a result mask. Each row contains the bit, the field of a reference, and the value that replaces the field if
+it is not requested."""
 REFERENCES = ua.NodeId(ua.ObjectIds.References)
 NO_PATH_LEFT = (1 << 32) - 1
 """RemainingPathIndex of a target in this server."""
@@ -40,7 +40,7 @@ class Browsing:
     def __init__(self, space: AddressSpace) -> None:
         self._space = space
         self._rest: OrderedDict[bytes, tuple[list[Any], int]] = OrderedDict()
-        """The remaining results by continuation point, and how many are returned at once."""
+        """The remaining results, and the largest number that is returned at once, by continuation point."""
 
     def browse(self, asked: Any, most: int) -> ua.BrowseResult:
         """Return the references of one node, at most the given number. 0 means as many as the server returns."""
@@ -70,7 +70,8 @@ class Browsing:
         return self._is_kind(reference.ReferenceTypeId, asked.ReferenceTypeId, asked.IncludeSubtypes, kinds)
 
     def _is_kind(self, kind: ua.NodeId, wanted: ua.NodeId, subtypes: bool, kinds: dict[Any, bool]) -> bool:
-        """True if a reference is of a type. `kinds`: what is known already of others."""
+        """True if a reference has the type `wanted` or, with `subtypes`, one of its subtypes. `kinds` caches the
+        answers for types."""
         if wanted.is_null() or kind == wanted:
             return True
         if not subtypes:
