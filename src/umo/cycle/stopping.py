@@ -37,9 +37,9 @@ class StopFlag:
         self.title = "a machine"
         """The name of the machine in messages."""
         self.pid = 0
-        """The process in which the machine is connected."""
+        """The id of the process in which the machine is connected."""
         self.thread: threading.Thread = threading.main_thread()
-        """The thread in which it is connected."""
+        """The thread in which the machine is connected."""
         self.is_leaving = False
         """True if the machine's actuators are being reset at its end."""
         self.time_over = False
