@@ -82,7 +82,8 @@ class StopFlag:
 
     def is_first_signal(self) -> bool:
         """Return True if this is the first signal of the operating system; the result is therefore True only once. The
-        function works in one step, because a signal may interrupt the handler of another one."""
+        check is a single step that a signal cannot divide, because a signal may interrupt the handler of another
+        signal."""
         return self._to_come.pop("first signal", False)
 
     def request(self, number: int | None = None) -> None:
