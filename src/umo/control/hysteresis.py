@@ -58,8 +58,8 @@ class Hysteresis(Generic[S]):
         elif -inf < self.high < value < inf:
             state = actuator.zero if self.raising is actuator.one else actuator.one
         else:
-            bounds = f"from {self.low} to {self.high}"
-            raise RangeError(f"{self.sensor.path}: {value} is not a value to regulate by, {bounds}")
+            bounds = f"with the bounds {self.low} and {self.high}"
+            raise RangeError(f"{self.sensor.path}: the value {value} cannot be controlled {bounds}")
         return state if actuator.write(state) else actuator.pending
 
     @property

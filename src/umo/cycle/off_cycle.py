@@ -91,7 +91,7 @@ class WorkerLink:
         if self.last.max() < since:
             return f"is away: {self.driver.cause(-1)}"
         if self.written.size and self.last[self.written].max() < since:
-            return f"takes no output: {self.driver.cause(int(self.written[0]))}"
+            return f"accepts no output: {self.driver.cause(int(self.written[0]))}"
         return ""
 
 

@@ -54,8 +54,8 @@ PHASES = (
         "cycle/off_cycle"),
     PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the machine; those of all rates, if nothing calls `update`",
         UNREAD, "cycle/image, readings"),
-    PeriodPhase(SAMPLE, "GUARD", "evaluate interlocks (a condition that raises holds) and expiries; send the "
-        "defaults that asynchronous actuators still need", LISTED, "cycle/guards, inhibition"),
+    PeriodPhase(SAMPLE, "GUARD", "evaluate interlocks (a condition that raises an error holds) and expiries; send "
+        "the defaults that asynchronous actuators still need", LISTED, "cycle/guards, inhibition"),
     PeriodPhase(CONTROL, "COMMANDS", "carry out commands of clients, then the laws that supervise sequences", CONTAINED,
         "operation/commands, operation/supervisors"),
     PeriodPhase(CONTROL, "SEQUENCES", "advance each sequence of the machine by one step", CONTAINED, "cycle/sequences"),

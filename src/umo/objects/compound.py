@@ -140,7 +140,7 @@ class Compound(Node):
         _check_hooks(cls)
         for name in vars(cls).keys() - {*names}:
             if isinstance(part := vars(cls)[name], Node):
-                how = f"`{name}: {type(part).__name__}`, and the object where the {cls.__name__} is made"
+                how = f"`{name}: {type(part).__name__}`, and give the object where the {cls.__name__} is made"
                 raise DeclarationError(f"{cls.__name__}.{name} is not a part of its objects: write {how}")
         for name in names:
             if name in RESERVED or name.startswith("_"):

@@ -118,7 +118,7 @@ def _check_numbering(source: WiringSource, path: str, entry: Entry, single: bool
     if given and single:
         source.mistake(f'wire."{path}".{given[0]}', f"can only be used with patterns such as {generalised(path)!r}")
     elif given and NUMBER not in (entry.channel or ""):
-        source.mistake(f'wire."{path}".{given[0]}', f"numbers the channel, which has no {NUMBER}")
+        source.mistake(f'wire."{path}".{given[0]}', f"has no effect, because the channel contains no {NUMBER}")
 
 
 def _numbered(entry: Entry, number: int) -> Entry:
