@@ -101,7 +101,10 @@ TAKES = "() takes a function, which it calls in every period; "
 REFUSED: list[tuple[Callable[[Any], Any], str]] = [
     (an_object, f"until{TAKES}`m.limit` is an object: write `until(lambda: m.limit.read() is PassFail.FAIL)`"),
     (an_actuator, f"until{TAKES}`m.valve` is an object: write `until(lambda: m.valve.read() is OnOff.ON)`"),
-    (a_number_object, f"until{TAKES}`m.encoder` is an object: write, for example, `until(lambda: m.encoder.read() > 5.0)`"),
+    (
+        a_number_object,
+        f"until{TAKES}`m.encoder` is an object: write, for example, `until(lambda: m.encoder.read() > 5.0)`",
+    ),
     (
         a_state,
         f"until{TAKES}`m.limit.read()` was read only once, before the call, and gave PASS: "

@@ -131,6 +131,6 @@ class Number(Range):
             raise DeclarationError(f"names={cut_repr(self.names)} are not names by number, such as {{0: 'none'}}")
         for number, name in self.names.items():
             if isinstance(number, bool) or not isinstance(number, int) or abs(number) > MAX_NAMED:
-                raise DeclarationError(f"names: {cut_repr(number)} is not a whole number that a float can represent exactly")
+                raise DeclarationError(f"names: {cut_repr(number)} is not a whole number that a float holds exactly")
             if not isinstance(name, str) or not name or not name.isprintable():
                 raise DeclarationError(f"names: {cut_repr(name)} is not a name (a text of one line)")
