@@ -85,7 +85,7 @@ _ROOMS = {
     "process.start": ("RunFailed", "Started", "start"),
     "wiring": ("check",),
 }
-"""The modules of umo that names come from; those that are not here come from `objects`."""
+"""The modules of umo from which the names are imported. Names that are not in this table come from `objects`."""
 _ROOM_OF = dict.fromkeys(__all__, "objects") | {name: room for room, names in _ROOMS.items() for name in names}
 
 
@@ -113,7 +113,7 @@ def load(
     `stop` is excluded. The coordinates are `time`, in s on the machine's clock, and `utc`. Units, ranges and states are
     attributes. `PATH.quality` is the quality of an object's value; the value is NaN where its quality was BAD. Raises
     OptionError if xarray is not installed (extra `analysis`), FramesError if the file is not a recording, PathError for
-    a path that names nothing. Source: `umo.recording.tables.dataset`.
+    a path that names no object or signal. Source: `umo.recording.tables.dataset`.
     """
     from umo.recording.tables import dataset
 

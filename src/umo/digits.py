@@ -15,27 +15,28 @@ from math import floor, inf, isfinite, log10
 NO_VALUE = "-"
 SIGNIFICANT_DIGITS = 6
 SURE_DIGITS = 15
-"""The number of significant digits that every float has. More digits appear only if the float is written to the last
-bit."""
+"""The number of significant digits that every float can represent. More digits appear only if the float is written
+exactly."""
 MAX_DIGITS = 99
-"""The largest number of digits after the point. A browser can show 100, and the code examines one more than it
-shows."""
+"""The largest number of digits after the point. A browser can show 100 digits, and the code examines one digit more
+than it shows."""
 FEW_STEPS = 1e4
 """The number of steps of a scale from 0 that six significant digits can distinguish."""
 MIN_POWER, MAX_POWER = -4, 9
 """The least and the greatest power of ten at which six significant digits are shown without an exponent."""
 MAX_FIXED = 1e21
-"""The magnitude from which on no digits after the point are shown; a browser does the same."""
+"""The magnitude from which on no digits after the point are shown, as in a browser."""
 DRIFT_SHARE = 1e-12
-"""The difference, as a share of the resolution, that does not add up to one step within 2**32 steps."""
+"""A difference, as a share of the resolution, that is so small that it does not add up to one step within 2**32
+steps."""
 CLEAR_SHARE = 1e-5
 """The share of the resolution by which a digit must be smaller than the resolution, so that no rounding error of a
 float decides which raw value is nearest."""
 MORE_DIGITS = 2
 """Largest number of digits beyond those needed, so that a short resolution is not rounded."""
 OFFSET_SHARE = 0.49
-"""The share of a digit by which the value of raw 0 may differ from a multiple of the digit. A larger difference may be
-rounded up or down."""
+"""The share of a digit by which the value of raw 0 may differ from a multiple of the digit. For a larger difference it
+is uncertain whether it is rounded up or down."""
 
 
 @lru_cache(maxsize=4096)
@@ -62,8 +63,8 @@ def _is_exact(step: float, digits: int) -> bool:
 
 
 def number_text(value: float, digits: int | None = None) -> str:
-    """Return a number with this number of digits after the point; None means six significant digits. `-` if it is not
-    finite."""
+    """Return a number as text with this number of digits after the point; None means six significant digits. Return `-`
+    if the number is not finite."""
     if not isfinite(value):
         return NO_VALUE
     if digits is not None and abs(value) < MAX_FIXED:
@@ -76,8 +77,8 @@ def number_text(value: float, digits: int | None = None) -> str:
 
 
 def scale_texts(levels: Sequence[float]) -> list[str]:
-    """Return the texts of the numbers on a scale, evenly spaced. They have six significant digits, or as many as the
-    step has."""
+    """Return the texts of the numbers on a scale, evenly spaced. The texts have six significant digits, or as many
+    digits as the step has."""
     step = float(f"{abs(levels[1] - levels[0]):.6g}") if len(levels) > 1 else inf
     few = all(abs(level) < FEW_STEPS * step for level in levels)
     digits = None if few else next(each for each in range(MAX_DIGITS + 1) if round(step, each) == step)

@@ -67,7 +67,7 @@ def duration(seconds: float) -> str:
 
 
 def lasting(seconds: float) -> str:
-    """Format the time that a run has lasted: `12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for an impossible one."""
+    """Format the time that a run has lasted: `12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for an impossible time."""
     if not -MAX_RUN < seconds < MAX_RUN:
         return "?"
     minutes, hours, days = seconds / 60, seconds / 3600, seconds / 86400

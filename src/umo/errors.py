@@ -7,22 +7,22 @@ UmoError
 |-- RangeError (ValueError)          a value beyond its object's range, NaN or infinite
 |-- RecipeError (ValueError)         a recipe is refused: every mistake, with its file and line
 |-- StateError (TypeError)           a state of another two-state type
-|-- OptionError (TypeError)          an option of a run: nobody takes it, it is missing, its value has a wrong type
+|-- OptionError (TypeError)          an option of a run: unknown, missing, or with a value of a wrong type
 |-- PathError (LookupError)          a path that names no object of the machine
 |-- NotConnected (RuntimeError)      an object was used outside `connect`
 |-- DriverError (OSError)            the device: every path and channel that failed
 |   |-- DeviceTimeout (TimeoutError) a call did not end within the driver's timeout
-|   |-- ChannelsFailed               some channels of a block transfer; the others stand
+|   |-- ChannelsFailed               some channels of a block transfer; the others were transferred
 |   `-- StopError                    outputs that could not be brought to their defaults
 |-- BadInput (RuntimeError)          the input of a control law has no accepted quality, or a state was never read
 |-- Interlocked (RuntimeError)       an interlock with effect="stop" forbids the write
 |-- CommandRefused (RuntimeError)    a command from outside: without the lease, or not in this mode
 |   `-- LeaseHeld                    another client has the lease
-|-- NotAwaited (TypeError)           a sequence was called and nobody awaits it
+|-- NotAwaited (TypeError)           a sequence was called but never awaited
 |-- Busy (RuntimeError)              a motion was started on an axis in motion
 |-- TaskFailed                       the machine could not do its work: base of a station's own errors
 |   |-- TimeExpired (TimeoutError)   a condition was not true within its timeout
-|   |-- EquipmentFault               equipment is in fault: nothing is under way in it, nothing is started
+|   |-- EquipmentFault               equipment is in fault: no work runs in it, and none can be started
 |   |-- AxisError                    an axis does not follow its setpoint, or does not arrive
 |   `-- HomingError                  an axis did not find its reference
 |-- FramesError (RuntimeError)       frames cannot be published or read
@@ -58,7 +58,7 @@ from umo.text import (
 )
 
 FAILURES = (Exception, SystemExit)
-"""The exceptions that count as failures of a driver's call. SystemExit is among them, because it would end the program
+"""The exceptions that count as failures of a driver's call. They include SystemExit, because it would end the program
 without an error."""
 
 
@@ -74,7 +74,7 @@ class UmoError(Exception):
 
 
 def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any]) -> UmoError:
-    """Without its constructor, which makes the message from other things."""
+    """Return an error made without its constructor, because the constructor makes the message from other arguments."""
     error = kind.__new__(kind)
     error.args = args
     error.__dict__.update(state)
@@ -126,11 +126,11 @@ class RecipeError(UmoError, ValueError):
 
 
 _PLACEHOLDER = re.compile(r"(?<![^\W_])(?:N|TYPE)(?![^\W_])|[{\[]")
-"""The part of a form such as "coil:N" that makes it no text of a channel."""
+"""The part of a form such as "coil:N" that shows that it is a form and not the text of a channel."""
 
 
 class ChannelError(WiringError):
-    """The text of a channel has no form that its driver knows."""
+    """The text of a channel does not have a form that its driver knows."""
 
     def __init__(self, text: str, forms: Iterable[str]) -> None:
         forms = list(forms)
@@ -164,7 +164,7 @@ class Failure(NamedTuple):
 
     path: str
     channel: str
-    """Text of the channel; "-" if not a single object failed, but the driver or the application."""
+    """Text of the channel; "-" if the driver or the application as a whole has failed, not a single object."""
     cause: str
     driver: str = ""
     """Name of the driver in the wiring, and its devices: `box (modbus tcp 127.0.0.1:502)`."""
@@ -190,7 +190,7 @@ class DriverError(UmoError, OSError):
 
 
 def _together(failures: Sequence[Failure]) -> str:
-    """Failures of one driver with one cause."""
+    """Return the text for the failures of one driver with one cause."""
     first = failures[0]
     objects = [failure.path for failure in failures if failure.channel != "-" or not failure.driver]
     one = f" (channel {first.channel})" if len(objects) == 1 and first.channel not in ("-", first.path) else ""
@@ -337,7 +337,8 @@ def _text_of(error: BaseException, place: CodePlace | None) -> str:
 
 
 def _nearest_attribute(error: AttributeError) -> str:
-    """` (did you mean 'target'?)` for an attribute that was read and that its object does not have."""
+    """Return a hint such as ` (did you mean 'target'?)` for the reading of an attribute that the object does not
+    have."""
     with suppress(BaseException):  # `dir` of the user's may raise anything
         return "" if error.obj is None else near_attribute(error.name or "", dir(error.obj))
     return ""
@@ -360,8 +361,8 @@ def forget_frames(error: BaseException) -> None:
 
 
 def cause_of_failure(error: BaseException) -> str:
-    """Return the text of the cause of a failed call. The error loses its frames, because a channel may fail for a
-    day."""
+    """Return the text of the cause of a failed call. The frames of the error are released, because a channel may fail
+    again and again for a day."""
     cause = text_of(error)
     forget_frames(error)
     return cause
@@ -394,7 +395,8 @@ _WAITING = opmap["YIELD_VALUE"]
 
 
 def _clear(trace: TracebackType) -> None:
-    """Drop the variables of frames that have ended. Before Python 3.13 clearing one that waits ends its sequence."""
+    """Drop the variables of frames that have ended. Before Python 3.13, clearing a frame that waits ends its
+    sequence."""
     each: TracebackType | None = trace
     while each is not None:
         frame = each.tb_frame

@@ -110,7 +110,7 @@ def _typed(parameter: inspect.Parameter, names: Mapping[str, Any]) -> inspect.Pa
 
 
 def _namespace(function: Any) -> Mapping[str, Any]:
-    """The global names of the module that defines a function, a class, a partial or a callable object."""
+    """Return the global names of the module that defines a function, a class, a partial or a callable object."""
     while isinstance(function, partial):
         function = function.func
     if isinstance(function, type):

@@ -26,7 +26,7 @@ UMO = str(Path(__file__).parent) + os.sep
 COMMAND = str(Path(__file__).parents[1] / "umo_command") + os.sep
 """Folder of the command `umo`."""
 STATIONS = f"{UMO}stations{os.sep}"
-"""Folder of the shipped stations, which count as a user's code."""
+"""Folder of the shipped stations. Their code counts as the user's code."""
 MAX_NAMES = 2
 """Number of names that a list shows before the number of the others."""
 
@@ -120,7 +120,7 @@ def raised_at(error: BaseException) -> CodePlace | None:
 
 def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
     """Return the place, such as `control.py:41 in control`, of the innermost of these frames (the outermost is first)
-    that belongs neither to umo nor to Python. A frame of an installed package counts only if there is no other frame.
+    that belongs neither to umo nor to Python. A frame of an installed package is used only if there is no other frame.
     The result is empty if there is no such frame."""
     found = [frame for frame in frames if not is_own(frame[0])]
     users = [frame for frame in found if not _is_installed(frame[0])]
@@ -163,7 +163,7 @@ def shown_path(file: str) -> str:
 
 @lru_cache(maxsize=1000)
 def _relative(file: str, folder: str) -> str:
-    """`folder` is the current one."""
+    """Return a path relative to `folder`, the current folder."""
     return min(os.path.relpath(file), file, key=len)
 
 
@@ -217,7 +217,7 @@ def options_in(doc: str) -> dict[str, str]:
 
 
 _SEARCHES = ContextVar("searches", default=True)
-"""True if messages suggest similar names: not within a period, since that takes as long as many periods."""
+"""True if messages suggest similar names. False within a period, because the search takes as long as many periods."""
 
 
 @contextmanager
@@ -240,14 +240,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 READ_WORDS = frozenset(("state", "value", "get", "get_value"))
-"""Names by which the value of an object is asked for."""
+"""Names that programmers may try in order to read the value of an object."""
 WRITE_WORDS = frozenset(("write", "set", "set_value", "put", "on", "off", "open", "close"))
-"""Names of functions that write a value, in other libraries and in common speech."""
+"""Names of functions that write a value in other libraries, and words for writing in common speech."""
 
 
 def near_attribute(name: str, known: Collection[str]) -> str:
-    """Return a similar attribute, which is public if the given one is public. If the name asks for the value of an
-    object, return `read()` or `write(...)`."""
+    """Return a similar attribute, which is public if the given one is public. If the name is a common word for reading
+    or writing the value of an object, return `read()` or `write(...)`."""
     if name in READ_WORDS and "read" in known:
         return " (did you mean 'read()'?)"
     if name in WRITE_WORDS and "read" in known and "direction" in known:
@@ -259,7 +259,8 @@ MAX_WORD = 80
 """Largest number of characters of a word in a message, or of a name in a path."""
 _LONG_WORD = re.compile(rf"[^\s/]{{{MAX_WORD + 1},}}")
 _TAIL = 20
-"""Number of characters at the end of a word that are left where it is cut: quotation marks and brackets among them."""
+"""Number of characters at the end of a word that are kept when the word is cut. They may include quotation marks and
+brackets."""
 
 
 def cut_words(text: str) -> str:

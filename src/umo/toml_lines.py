@@ -47,7 +47,7 @@ def line_of(key: str, lines: Mapping[str, int]) -> int | None:
 
 
 def _paths(data: Any, prefix: str) -> Iterator[str]:
-    """The paths of all keys in a statement, outer ones first."""
+    """Return the paths of all keys in a statement, the outer keys first."""
     if isinstance(data, list):
         for each in data:
             yield from _paths(each, prefix)

@@ -43,8 +43,8 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | No
     error.
 
     Only a Ctrl-C passes: a KeyboardInterrupt in the main thread, while Python's handler of SIGINT is installed. While a
-    machine is connected, this handler is not installed: then SIGINT asks the machine to stop, a KeyboardInterrupt
-    counts as an error of the code that raises it, and the `Interrupted` of a further signal passes."""
+    machine is connected, this handler is not installed. SIGINT then requests the machine to stop, and a
+    KeyboardInterrupt counts as an error of the code that raises it. The `Interrupted` of a further signal passes."""
     try:
         return call(*arguments), None
     except BaseException as error:
@@ -75,7 +75,7 @@ def check_overrides(cls: type) -> None:
 
 
 def _is_plain(method: object) -> bool:
-    """True if it is a method of umo that acts at once."""
+    """Return True if the object is a plain method of umo, not a sequence."""
     if not isinstance(method, FunctionType) or method.__code__.co_flags & CO_COROUTINE:
         return False
     return is_own(method.__code__.co_filename)
@@ -186,7 +186,7 @@ def briefly(result: Any, longest: int) -> str:
 
 
 def _cut(text: str, longest: int) -> str:
-    """A text as JSON; its end is left out and its length said where it does not fit."""
+    """Return a text as JSON. If the text is too long, its end is cut off, and its length is added."""
     found, room = json.dumps(text[: longest + 1]), longest
     while len(found) > longest:
         if not room:

@@ -101,27 +101,30 @@ TAKES = "() takes a function, which it calls in every period; "
 REFUSED: list[tuple[Callable[[Any], Any], str]] = [
     (an_object, f"until{TAKES}`m.limit` is an object: write `until(lambda: m.limit.read() is PassFail.FAIL)`"),
     (an_actuator, f"until{TAKES}`m.valve` is an object: write `until(lambda: m.valve.read() is OnOff.ON)`"),
-    (a_number_object, f"until{TAKES}`m.encoder` is an object: write such as `until(lambda: m.encoder.read() > 5.0)`"),
+    (
+        a_number_object,
+        f"until{TAKES}`m.encoder` is an object: write, for example, `until(lambda: m.encoder.read() > 5.0)`",
+    ),
     (
         a_state,
-        f"until{TAKES}`m.limit.read()` was read once, before, and gave PASS: "
+        f"until{TAKES}`m.limit.read()` was read only once, before the call, and gave PASS: "
         "write `until(lambda: m.limit.read() is PassFail.PASS)`",
     ),
     (
         a_comparison,
-        f"until{TAKES}`m.encoder.read() > 3.0` was evaluated once, before, and gave False: "
+        f"until{TAKES}`m.encoder.read() > 3.0` was evaluated only once, before the call, and gave False: "
         "write `until(lambda: m.encoder.read() > 3.0)`",
     ),
     (over_lines, "write `until(lambda: m.encoder.read() > 3.0 and m.limit.read() is PassFail.PASS)`"),
     (a_value, "and gave 0.0: write `until(lambda: m.encoder.read())`"),
     (a_sequence, f"until{TAKES}`m.fill()` is a sequence: write `await m.fill()`"),
     (a_task, f"until{TAKES}`filling` is a task: write `await filling`, or `until(lambda: filling.done)`"),
-    (a_name, "`ready` was evaluated once, before, and gave False: write `until(lambda: ready)`"),
+    (a_name, "`ready` was evaluated only once, before the call, and gave False: write `until(lambda: ready)`"),
     (to_unless, "write `unless(lambda: m.encoder.read() > 3.0)`"),
     (a_method_of_an_object, "is true or false: write `until(lambda: m.limit.read() is PassFail.FAIL)`"),
-    (a_method_of_a_number, "is true or false: write such as `until(lambda: m.encoder.read() > 5.0)`"),
+    (a_method_of_a_number, "is true or false: write, for example, `until(lambda: m.encoder.read() > 5.0)`"),
     (a_function_that_waits, "until() needs a condition that answers immediately, but ready is a sequence: `def ready`"),
-    (nothing, "`None` was evaluated once, before, and gave None"),
+    (nothing, "`None` was evaluated only once, before the call, and gave None"),
 ]
 
 
@@ -138,7 +141,7 @@ def test_a_condition_of_a_started_wait_is_told_without_the_source():
         m.cycle.start(until(False))  # type: ignore[arg-type]
         await wait("3 ms")
 
-    with pytest.raises(TypeError, match=r"False is none: write `until\(lambda: ...\)`"):
+    with pytest.raises(TypeError, match=r"False is not a function: write `until\(lambda: ...\)`"):
         run(bench(Tank), None, application)
 
 

@@ -946,7 +946,7 @@ def test_a_device_that_reads_and_takes_no_output_is_told_and_so_is_its_return() 
         begun, box.error = moved(box, "initialize"), DriverError("refused")
         period(m, 5000)
         texts = [event.text for event in connection.machine.events]
-        assert texts == ["takes no output: refused"]
+        assert texts == ["accepts no output: refused"]
         box.error = None
         period(m, 1500)
         assert [event.text for event in connection.machine.events] == [*texts, "is back"]

@@ -116,7 +116,11 @@ def test_a_pattern_of_a_file_is_the_same(tmp_path: Path) -> None:
             "zones.1.fan",
             "can only be used with patterns such as 'zones.*.fan'",
         ),
-        ({"doors.*": {"driver": "simulated", "stride": 2}}, "doors.*", "numbers the channel, which has no {}"),
+        (
+            {"doors.*": {"driver": "simulated", "stride": 2}},
+            "doors.*",
+            "has no effect, because the channel contains no {}",
+        ),
         ({"*.in": {"driver": "simulated"}}, "*.in", "doors.in is wired by 'doors.*' as well"),
         ({"zones.*.fan": {"driver": "box", "channel": "register:{}", "start": 1.5}}, "zones.*.fan", "a whole number"),
     ],

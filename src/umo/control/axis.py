@@ -27,12 +27,12 @@ from umo.user_code import told
 
 ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
 """The quality that is also accepted for a referenced encoder, because an axis at an end of its range may stand slightly
-outside. The setpoint is within the range, and the axis is within `following_error` of the setpoint."""
+outside of the range. The setpoint is within the range, and the axis is within `following_error` of the setpoint."""
 STANDSTILL_SHARE = 1 / 20
 """The least advance of an axis, as a share of `stall`. An axis that advances less stands still."""
 RETURN_WINDOWS = 2.0
-"""The largest distance, in windows, from the position in which an axis was left to the position in which it may
-continue: one window for the motion back, and one for rounding of the shown position."""
+"""The largest distance from the position in which an axis was left to a position in which it can continue, in units of
+`window`. One window is for the motion back, one for the rounding of the shown position."""
 
 
 class SearchResult(Enum):
@@ -44,7 +44,7 @@ class SearchResult(Enum):
     STOP = "stop"
     """The axis stands still although it is driven."""
     REACH = "reach"
-    """Nothing was found within the distance."""
+    """The axis was driven for the whole distance, and none of the other events has occurred."""
 
 
 class Interruption(Enum):
@@ -90,12 +90,12 @@ def _per_second(power: int = 1) -> Callable[[Axis], str]:
 
 
 def _limits(axis: Axis, name: str, power: int = 1) -> tuple[str, float, float]:
-    """Unit and range from a thousandth of a number of the declaration to that number."""
+    """Return the unit and the range of a number: from a thousandth of the declared number up to the declared number."""
     return _per_second(power)(axis), getattr(axis, name) / 1000, getattr(axis, name)
 
 
 def _numbers(axis: Axis) -> dict[str, Number]:
-    """Setpoint and error, which are shown, and the numbers of the profile, which can be tuned."""
+    """Return the setpoint and the error, which are shown, and the numbers of the profile, which can be tuned."""
     shown = Number(axis.encoder.units, shown=True)
     powers = {"velocity": 1, "acceleration": 2, "jerk": 3}
     profile = {f"profile.{name}": Number(*_limits(axis, name, power), tunable=True) for name, power in powers.items()}
@@ -106,12 +106,12 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     """Base of axes of motion, each with its position sensor. Use `ServoAxis` or `StepperAxis`.
 
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
-    range of the encoder. While an interlock inhibits the axis, a motion waits; afterwards it continues to its target
-    from the present position. An axis without a motion then stays where it is. A `move_to` that is cancelled
+    range of the encoder. While an interlock inhibits the axis, a motion waits. Afterwards it continues to its target
+    from the present position. An axis without a motion afterwards stays where it is. A `move_to` that is cancelled
     decelerates to standstill. A motion that fails is a fault if the axis is equipment. An axis is equipment in manual
     mode, and also in automatic mode if its class declares `equipment` (`class Slide(ServoAxis, equipment=True)`).
-    Homing that fails or is cancelled disables the axis. `setup` reads the numbers; after this, change the numbers of
-    `profile` and, for a servo axis, of `servo`.
+    Homing that fails or is cancelled disables the axis. `setup` reads the numbers of the axis. To change them later,
+    change the numbers of `profile` and, for a servo axis, of `servo`.
     """
 
     encoder: DigitalSensor
@@ -133,14 +133,14 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     search_speed: float = inf
     """The speed of homing, units per s. Default: the largest speed."""
     stall: float = inf
-    """The distance for which an axis must be driven during homing without a movement, so that it counts as standing at
-    an end stop. By default it never does."""
+    """If an axis is driven for this distance during homing without moving, it is taken to stand at an end stop. By
+    default no distance is enough."""
     homing: Homing | None = None
     """The way in which the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or a class that you write."""
 
     _state = _DISABLED
-    """The state without two facts that are known elsewhere: a fault of its equipment, and a setpoint that still
-    moves."""
+    """The state of the axis, except for two facts that are known elsewhere: a fault of its equipment, and a setpoint
+    that still moves."""
     _interrupted = Interruption.NONE
 
     def setup(self) -> None:
@@ -175,9 +175,10 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         duration=lambda axis: Range("s", 0.0, 3600.0),  # here, as a unit needs pint, which is not imported with umo
     )
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
-        """Move to a position with limited jerk, at most at this speed, and in at least `duration` s. The motion ends
-        when the encoder has arrived. Raises RangeError if the position is outside the encoder's range, BadInput if the
-        encoder is not referenced, AxisError if the axis does not arrive, Busy during another motion.
+        """Move to a position with limited jerk. The speed is at most `speed`, and the motion takes at least `duration`
+        s. The motion ends when the encoder has arrived. Raises RangeError if the position is outside the encoder's
+        range, BadInput if the encoder is not referenced, AxisError if the axis does not arrive, Busy during another
+        motion.
         """
         self.check_target(position)
         if not speed > 0.0:
@@ -203,8 +204,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._begin(Motion(AxisState.CONTINUOUS_MOTION, by=self._machine.current_task))
 
     def halt(self) -> None:
-        """End a jog, whatever began it: decelerate to standstill. An axis that is not enabled, or is in another motion,
-        is not affected."""
+        """End a jog, even one that another caller began: decelerate to standstill. An axis that is not enabled, or that
+        carries out another motion, is not affected."""
         if self._state is AxisState.CONTINUOUS_MOTION:
             self._halt()
 
@@ -228,7 +229,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return ahead.to(position)
 
     def enable(self) -> None:
-        """Follow the setpoint, from the present position of the axis. Raises BadInput if the encoder's quality is not
+        """Let the axis follow its setpoint, from its present position. Raises BadInput if the encoder's quality is not
         accepted, EquipmentFault if the axis is in fault."""
         if self._state is _DISABLED:
             if self._machine.fault_of(self) is not None:  # no local name: the frame of an error must not refer to it
@@ -239,8 +240,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @action
     def disable(self) -> None:
-        """Stop following: the actuators go to their defaults. A motion in progress ends with AxisError, which is not a
-        fault."""
+        """Stop following the setpoint: the actuators go to their defaults. A motion in progress ends with AxisError,
+        which is not a fault."""
         self._enter(_DISABLED)
         self._accept = ACCEPTED_WHEN_REFERENCED
 
@@ -342,7 +343,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return SearchResult.CONDITION
 
     def reference(self, at: float | None = None) -> None:
-        """Mark the encoder as referenced. `at` is the position of the last reading."""
+        """Mark the encoder as referenced. `at`: the position that the last reading stands for; None leaves the readings
+        unchanged."""
         before = self.reading
         self.encoder.referenced(at=at)
         self._shift(self.reading - before)
@@ -380,7 +382,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     @property
     @abstractmethod
     def error(self) -> float:
-        """Setpoint minus reading in the last period."""
+        """Setpoint minus reading in the last period, in units of the encoder."""
 
     @property
     def setpoint(self) -> float:
@@ -389,35 +391,37 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @property
     def _outputs(self) -> tuple[Actuator, ...]:
-        """The actuators that its law drives while it is enabled, also in periods in which it writes nothing."""
+        """The actuators that the law of the axis drives while the axis is enabled, including those not written in this
+        period."""
         return ()
 
     @abstractmethod
     def _stand(self) -> None:
-        """The setpoint is where the axis stands."""
+        """Set the setpoint to the position at which the axis stands."""
 
     def _shift(self, distance: float) -> None:
-        """The reading has changed by this distance, and the axis has not moved."""
+        """Take into account that the reading has changed by this distance although the axis has not moved."""
         self.profile.shift(distance)
 
     def _speed(self, wanted: float) -> float:
-        """The speed that the axis can have."""
+        """Return the wanted speed, or the largest speed that the axis can have."""
         return min(wanted, self.profile.velocity)
 
     async def _settle(self) -> None:
-        """Come to rest: before and after homing."""
+        """Wait until the axis has come to rest, before and after homing."""
 
     def _arrived(self, position: float) -> bool:
-        """True if the axis is in position, once its profile is done."""
+        """Return True if the axis is in position. Called after the end of the profile."""
         return abs(position - self.reading) < self.window
 
     def _correct(self, position: float, corrections: int) -> None:
-        """The profile has ended, and the axis has not arrived in `settling_time`: for the first time, or again."""
+        """Correct the position, or raise AxisError, because the axis has not arrived within `settling_time` after the
+        end of the profile. `corrections`: the number of earlier corrections of this motion."""
         away = measure(self.reading, self.encoder.units)
         raise AxisError(f"{self._path} did not arrive at {number_text(position)}: it is at {away}")
 
     def _disconnect(self) -> None:
-        """The next connection begins with an axis that is not enabled."""
+        """Disconnect the axis. The next connection begins with an axis that is not enabled."""
         super()._disconnect()
         self._state, self._motion, self._interrupted = _DISABLED, None, Interruption.NONE
 
@@ -430,18 +434,18 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     # Inside --------------------------------------------------------------------------------------------
 
     def _enter(self, state: AxisState) -> None:
-        """The one place in which the state changes, as `FOLLOWED_BY` says."""
+        """Change the state, as `FOLLOWED_BY` allows. The state changes only here."""
         self._state = state
 
     def _check_free(self, state: AxisState) -> None:
-        """Busy if there is another motion than one that this may follow."""
+        """Raise Busy during a motion that the motion of this state cannot follow."""
         if self._state in ACTIONS and state not in FOLLOWED_BY[self._state]:
             busy, wanted = ACTIONS[self._state], ACTIONS[state]
             raise Busy(f"{self._path} is busy with {busy}; {wanted} was not started")
 
     def _prepare(self, state: AxisState, accept: Accept) -> None:
-        """Enable the axis for a motion. Busy during another one; BadInput if these qualities are not enough; AxisError,
-        a fault of equipment, if it cannot be enabled."""
+        """Enable the axis for a motion. Raises Busy during another motion, BadInput if the encoder's quality is not
+        accepted, and AxisError, which is a fault of equipment, if the axis cannot be enabled."""
         self._check_free(state)
         if self.enabled:
             value_of(self.encoder, accept)
@@ -455,12 +459,12 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             raise
 
     def _begin(self, motion: Motion) -> None:
-        """The axis carries out this motion from now on."""
+        """Begin this motion."""
         self._motion = motion
         self._enter(motion.state)
 
     def _end(self) -> None:
-        """The axis carries out no motion any more."""
+        """End the motion in progress, if there is one."""
         self._motion = None
         if self.enabled:
             self._enter(_STANDSTILL)
@@ -472,8 +476,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @contextmanager
     def _claimed(self, state: AxisState, accept: Accept) -> Iterator[None]:
-        """Return a context for one motion at a time, with these qualities of the encoder. The errors are those of
-        `_prepare`."""
+        """Return a context for a motion; no other motion can begin within it. `accept`: the accepted qualities of the
+        encoder. The errors are those of `_prepare`."""
         self._prepare(state, accept)
         motion = Motion(state, awaited=True)
         self._begin(motion)
@@ -492,7 +496,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
                 self._accept = ACCEPTED_WHEN_REFERENCED
 
     def _go(self, plan: Callable[[], object]) -> None:
-        """Plan a motion, now and again after an interruption."""
+        """Plan a motion now, and plan it again after an interruption."""
         plan()
         self._replan = plan
 
@@ -501,21 +505,22 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._let_go()
 
     def _let_go(self) -> None:
-        """`disable`. The axis is not controlled any more, also if one of its own class fails."""
+        """Disable the axis. The axis is not controlled any more, even if `disable` of a subclass fails."""
         try:
             self.disable()
         finally:
             Axis.disable(self)
 
     def _check(self, motion: Motion | None) -> None:
-        """AxisError, or the fault, if the axis was disabled since this motion has begun."""
+        """Raise the fault of the axis, or else AxisError, if the axis was disabled after the beginning of this
+        motion."""
         if self._state is _DISABLED or self._motion is not motion:
             if motion is not None:
                 motion.was_disabled = True
             raise self._machine.fault_of(self) or AxisError(f"{self._path} was disabled during its motion")
 
     def _interrupt(self) -> None:
-        """An interlock inhibits the axis: the setpoint stays where the axis is."""
+        """Handle an interlock that inhibits the axis: the setpoint stays at the position of the axis."""
         self._interrupted = Interruption.INHIBITED
         self._stand()
 
@@ -526,8 +531,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._plan_anew()
 
     def _plan_anew(self) -> None:
-        """Go on from the setpoint to where the motion goes. A controller without a host (TaskFailed) cannot plan that:
-        it brakes to standstill; so does one whose host has not answered yet."""
+        """Plan the motion again from the setpoint. A controller that has no host (TaskFailed), or whose host has not
+        answered yet, cannot plan the motion and brakes to standstill."""
         self.profile.at(0.0)
         with suppress(TaskFailed):
             self._replan()
@@ -538,13 +543,14 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             self.profile.at(0.0)
 
     def _moves(self) -> bool:
-        """True if the setpoint moves."""
+        """Return True if the setpoint moves."""
         return self._state is not _DISABLED and not (self.profile.done and not self.profile.setpoint.velocity)
 
     # While another is in charge (`umo.operation.commands.suspension`) -------------------------------------------------
 
     def _leave(self) -> LeftMotion:
-        """The sequence that moves the axis has to wait: store its motion, and free the axis for another one."""
+        """Store the motion of the axis, because the sequence that moves the axis has to wait, and free the axis for
+        another motion."""
         left = LeftMotion(self)
         self._end()
         if left.state is AxisState.HOMING:
@@ -552,8 +558,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return left
 
     def _stop_as_declared(self, left: LeftMotion | None) -> str:
-        """Carry out the declared reaction, because nothing controls the axis any more. Return it as a text; "" if
-        nothing changes. `left`: what the axis did before."""
+        """Carry out the declared reaction, because nothing controls the axis any more. Return the reaction as a text;
+        "" if nothing changes. `left`: the activity of the axis before."""
         reaction = declared_reaction(self) or "hold"
         if not self.enabled:
             return ""
@@ -570,13 +576,14 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return "stops" if moves else ""
 
     def _ends_by_itself(self, left: LeftMotion | None) -> bool:
-        """True if what the axis does ends by itself: not a jog or a search, and not what is planned again."""
+        """Return True if the activity of the axis ends by itself. A jog, a search, and a motion that is still to be
+        planned again do not."""
         states = (self._state, left and left.state)
         endless = AxisState.CONTINUOUS_MOTION in states or AxisState.HOMING in states
         return self.profile.stops and self._interrupted is Interruption.NONE and not endless
 
     def _driven(self) -> tuple[Actuator, ...]:
-        """The actuators that its law controls, including those not written in this period."""
+        """Return the actuators that the law of the axis controls, including those not written in this period."""
         return self._outputs if self.enabled else ()
 
 
@@ -600,7 +607,8 @@ class LeftMotion:
 
     @property
     def _goes_on(self) -> bool:
-        """True if there is a motion to continue: its sequence, or the one that jogs, was not cancelled."""
+        """True if there is a motion to continue, because the sequence that awaits the motion, or that jogs, was not
+        cancelled."""
         if self._motion is None:
             return False
         if self._motion.state is AxisState.CONTINUOUS_MOTION:
@@ -609,7 +617,7 @@ class LeftMotion:
 
     @property
     def _next_state(self) -> AxisState:
-        """The state in which it continues. Homing that was cancelled leaves the axis disabled."""
+        """The state in which the axis continues. If homing was cancelled, the axis is disabled."""
         if self._motion is None or self.state is _DISABLED or self._goes_on:
             return self.state
         return _DISABLED if self.state is AxisState.HOMING else _STANDSTILL
@@ -645,7 +653,7 @@ class LeftMotion:
             axis.disable()
 
     def go_on(self) -> None:
-        """Continue in this state, with the motion planned again from the setpoint."""
+        """Continue in the state in which the axis was left, with its motion planned again from the setpoint."""
         axis, state, goes_on = self._axis, self._next_state, self._goes_on
         axis._end()
         axis._accept, axis._motion = self._accept, self._motion if goes_on else None
@@ -660,8 +668,8 @@ class LeftMotion:
 
 
 async def move_together(*moves: tuple[Axis, float]) -> None:
-    """Move several axes, `(axis, position)` each, so that they start and arrive together. Raises TypeError for anything
-    other than such pairs, and ValueError for an axis that is given twice; then no axis moves."""
+    """Move several axes so that they start and arrive together. Each argument is a pair `(axis, position)`. Raises
+    TypeError for anything other than such pairs, and ValueError for an axis that is given twice; then no axis moves."""
     for each in moves:
         if not isinstance(each, tuple | list) or len(each) != 2 or not isinstance(each[0], Axis):
             raise TypeError(f"move_together() takes pairs such as `(axis, 80.0)`, not {cut_repr(each)}")

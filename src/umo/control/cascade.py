@@ -16,13 +16,13 @@ from umo.objects import DigitalSensor, Number
 
 @dataclass
 class Cascade(PID):
-    """The outer PID of a cascade: it reads its sensor, gives the inner law its setpoint, and calls it.
+    """The outer PID of a cascade: it reads its sensor, gives the inner law a setpoint, and calls the inner law.
 
         self.jacket = Servo(self.jacket_temperature, self.heater, gain=2.0, integral_time=60.0)
         self.vessel = Cascade(self.temperature, self.jacket, low=20.0, high=150.0, gain=3.0, integral_time=900.0)
 
-    Call only `control` of the outer law, once per period. While the inner law is limited or its actuator inhibited, the
-    integral does not grow further in that direction.
+    Call only `control` of the outer law, once per period. While the inner law is limited, or its actuator is inhibited,
+    the integral does not grow further in the direction of the limit.
     """
 
     sensor: DigitalSensor
@@ -34,7 +34,7 @@ class Cascade(PID):
     """The highest setpoint of the inner law."""
 
     def check_settings(self) -> None:
-        """Check the settings like `PID.check_settings`. `low` and `high` must be finite, and `low` below `high`."""
+        """Check the settings as `PID.check_settings` does. `low` and `high` must be finite, and `low` below `high`."""
         super().check_settings()
         check_numbers(self, finite=("low", "high"))
         if not self.low < self.high:

@@ -21,7 +21,7 @@ def check_numbers(
     arrays: bool = False,
 ) -> None:
     """Check settings. Raises DeclarationError for an attribute that is not a number of its kind or, with `arrays`, an
-    array of such numbers. The numbers of `above_0` may be infinite, other numbers may not."""
+    array of such numbers. Only the numbers of `above_0` may be infinite."""
     rules: tuple[tuple[Iterable[str], Callable[[Any], Any], str], ...] = (
         (finite, np.isfinite, "a finite number"),
         (not_negative, lambda numbers: np.isfinite(numbers) & (numbers >= 0), "finite and not below 0"),
@@ -37,7 +37,7 @@ def check_numbers(
 
 
 def _number(given: Any) -> float:
-    """A number as a float; NaN for anything that a float cannot express."""
+    """Return a number as a float; NaN for anything that a float cannot express."""
     try:
         return float(given) if isinstance(given, int | float | np.number) and not isinstance(given, bool) else nan
     except (TypeError, OverflowError):

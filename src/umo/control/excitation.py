@@ -6,22 +6,23 @@ from __future__ import annotations
 from math import inf, isfinite, sqrt
 
 MOST_KEPT = 256
-"""Number of measurements kept to detect whether a step has settled."""
+"""The largest number of measurements that are kept to detect whether a step has settled."""
 FEWEST_KEPT = 48
 SETTLED_SHARE = 0.02
-"""Change over the last third of a step, as a share of its whole change, below which it has settled."""
+"""A step has settled when the measurement's change over the last third of the step is below this share of the whole
+change."""
 SMALLER = 0.5
 """The share of the amplitude that is used in the last part of an experiment. This third level shows whether the process
 is linear."""
 MAX_TURN_TIME = 4.0
 """Longest time for the smaller amplitude to turn the measurement, as a multiple of the longest half cycle."""
 NOISE_FACTOR = 10.0
-"""Hysteresis of a relay in standard deviations of the noise."""
+"""The hysteresis of a relay, as a multiple of the standard deviation of the noise."""
 
 
 class Baseline:
     """The loop before the experiment: the means of output and measurement, and the noise. All numbers are finite,
-    because the law refuses others."""
+    because the law refuses other numbers."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -53,7 +54,7 @@ class RelaySwitching:
         self._middle, self._hysteresis, self._rising = base.measurement, hysteresis, rising
         self._cycles, self._rises, self._up = cycles, 0, True
         self._full = cycles - (cycles - 1) // 2
-        """Cycles with the whole amplitude."""
+        """The number of cycles with the whole amplitude."""
         self._time = self._longest = 0.0
         """The duration in s of this half cycle, and of the longest half cycle with the whole amplitude."""
 
@@ -94,9 +95,9 @@ class StepChange:
         self._kept: list[float] = []
         self._time = 0.0
         self._pause = 0.0
-        """The time in s from one measurement that is kept to the next."""
+        """The least time in s between two measurements that are kept."""
         self._settled: float | None = None
-        """The time in s until the measurement had settled."""
+        """The time in s after which the measurement had settled; None before that."""
 
     @property
     def low(self) -> float:

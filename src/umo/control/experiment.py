@@ -1,9 +1,10 @@
 """Experiments on a running loop: a relay, or a step, around its present output.
 
-During the experiment, its values take the place of the law's `step`. The law still reads, checks quality, limits and
-writes through the command stage, under its interlocks. Whatever ends the experiment, the next output of the law is the
-old one; then the law is in control, with the integral that it had. An experiment is an action (`umo.objects.action`).
-Like any action it ends with the lease, with dead-man control, at a change of mode and at a fault of equipment.
+During the experiment, its values replace the results of the law's `step`. The law still reads, checks quality, limits
+and writes through the command stage, under its interlocks. Whatever ends the experiment, the next output of the law is
+the old output. Then the law is in control again, with the integral that it had before. An experiment is an action
+(`umo.objects.action`). Like any action, it ends when the lease or the dead-man control ends, at a change of mode, and
+at a fault of equipment.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from umo.objects.presentation.value_text import measure
 BASE_TIME, BASE_STEPS = 1.0, 20
 """The least time in s and the least number of steps for which the law is observed before the experiment."""
 MAX_IDLE_PERIODS = 3
-"""The number of steps that the law may omit before it counts as switched off."""
+"""The number of steps that the law can omit before it counts as switched off."""
 LONGEST = 86_400.0
 """Longest time in s of an experiment."""
 WITHIN_SHARE = 0.1
@@ -46,13 +47,13 @@ class LoopExperiments:
         self._idle = 0
         """The number of checks since the last step of the law."""
         self._most_idle = MAX_IDLE_PERIODS + 1
-        """The largest number of such checks for a law that acts."""
+        """The largest number of such checks at which the law still counts as acting."""
         self._dt = 0.0
         self._within = inf
         self._until = 0.0
-        """The time until which the law's next step gives the old output."""
+        """The time in s until which the law's next step gives the old output."""
         self._driven: float | None = None
-        """The output of the experiment that was returned last."""
+        """The output that the experiment has returned last; None before the first."""
         self._steps = self._limited = 0
         """The number of steps of the excitation, and the number of steps in which the inner law of a cascade was
         limited."""
@@ -93,8 +94,8 @@ class LoopExperiments:
         Returns the old output and measurement, the noise, the times at which the excitation began and ended, and the
         share of this time in which the inner law of a cascade was at its limit. Raises RangeError if there is no room
         for the amplitude, or if the measurement moves by more than `within`. Raises CommandRefused if the law does not
-        act, or if its actuator is inhibited or written by somebody else; raises Busy during another experiment. Laws
-        whose output is the setpoint of this law hold the setpoint during the experiment.
+        act, or if its actuator is inhibited or written by somebody else; raises Busy during another experiment. A law
+        whose output is the setpoint of this law holds this setpoint during the experiment.
         """
         self._outer = self._loop.outer
         if any(each.is_taken for each in (self._loop, *self._outer)):
@@ -162,7 +163,7 @@ class LoopExperiments:
     # In each step of the law -------------------------------------------------------------------------------
 
     def _next(self, output: float, measurement: float, dt: float, low: float, high: float) -> float | None:
-        """Return the output that replaces the law's, or None for the law's own."""
+        """Return the output that replaces the law's output, or None for the law's own output."""
         self._idle, self._dt = 0, dt
         if self._plan is None:  # it has ended: the old output, once
             self._loop.give_back()
@@ -216,8 +217,8 @@ class LoopExperiments:
     # In each period ----------------------------------------------------------------------------------------
 
     def _look(self, period: float) -> None:
-        """Check that the law still acts, and that nobody else writes its output. `period`: s between two checks; the
-        law may have a rate of its own."""
+        """Check that the law still acts, and that nobody else writes its output. `period`: the time in s between two
+        checks, which may differ from the period of the law."""
         self._idle += 1
         each = max(self._dt, self._part._machine.period) / period if period else 1.0
         self._most_idle = MAX_IDLE_PERIODS * max(round(each), 1) + 1
@@ -238,7 +239,7 @@ class LoopExperiments:
 
 
 def _holding() -> Next:
-    """Keeps the first output of a law."""
+    """Return a function that keeps the first output of a law."""
     held: list[float] = []
 
     def next_(output: float, measurement: float, dt: float, low: float, high: float) -> float:

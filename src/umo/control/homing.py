@@ -17,10 +17,12 @@ from umo.states import TwoState
 
 @dataclass(kw_only=True)
 class IndexPulse:
-    """Homing on the index pulse of the encoder: the circuit loads its counter at the pulse while this is enabled.
+    """Homing on the index pulse of the encoder: the circuit loads its counter at the pulse while the actuator `enable`
+    enables this.
 
     The axis moves in `direction` until the reading jumps to `index`. If the axis reaches the end stop first, it moves
-    back across the index: then it began beyond the index, or the count was already right and did not jump.
+    back across the index. In this case the axis began beyond the index, or the count was already right and did not
+    jump.
     """
 
     enable: BinaryActuator[Any]
@@ -31,8 +33,8 @@ class IndexPulse:
     stop: float
     """Position of the end stop in this direction."""
     jump: float
-    """Distance that the axis cannot move in one period; a larger change means that the counter was loaded or has rolled
-    over."""
+    """A distance larger than the axis can move in one period. If the reading changes by more, the counter was loaded or
+    has rolled over."""
     tolerance: float
     """Distance from the true position within which a reading counts as right."""
     clearance: float
@@ -53,7 +55,8 @@ class IndexPulse:
         axis.reference()
 
     def _keep_enabled(self) -> bool:
-        """Enable the pulse again after an interlock has reset it. False: as a condition it does not end the search."""
+        """Enable the pulse again after an interlock has reset it. Return False, so that this condition does not end the
+        search."""
         enable = self.enable
         enabled = enable.one if enable.default is enable.zero else enable.zero
         if enable.read() is not enabled:
@@ -61,7 +64,7 @@ class IndexPulse:
         return False
 
     async def _search(self, axis: Axis, direction: int, reach: float | None = None) -> bool:
-        """True if the index pulse was met. The counter may wrap on the way."""
+        """Search for the index pulse. Return True if it was found. The counter may roll over on the way."""
         while True:
             met = await axis.search(direction * axis.search_speed, self._keep_enabled, jump=self.jump, reach=reach)
             if met is not SearchResult.JUMP:
@@ -89,7 +92,7 @@ class IndexPulse:
 @dataclass(kw_only=True)
 class HomeSwitch:
     """Homing on a switch that is active at one end of the axis. The reference is the edge that the axis passes slowly
-    when it leaves the switch. Bouncing of the switch when the axis reaches it at search speed does no harm."""
+    when it leaves the switch. Bouncing of the switch does no harm when the axis reaches the switch at search speed."""
 
     switch: BinarySensor[Any]
     active: TwoState
@@ -123,13 +126,14 @@ class HomeSwitch:
         return state_of(self.switch) is self.active
 
     def _is_left(self, axis: Axis) -> bool:
-        """True if the switch is not active any more, and the axis moves away from it: before that it bounces."""
+        """Return True if the switch is not active any more and the axis moves away from it. Before that the switch
+        bounces."""
         return not self._is_active() and self.direction * axis.profile.setpoint.velocity < 0.0
 
 
 @dataclass(kw_only=True)
 class EndStop:
-    """Homing on a mechanical end stop. `stall` of the axis determines when it counts as standing at the stop;
+    """Homing on a mechanical end stop. `stall` of the axis determines when the axis is taken to stand at the stop;
     `search_output` of a servo axis limits the force."""
 
     position: float

@@ -1,4 +1,4 @@
-"""On/off control with hysteresis, such as of a pressure by a valve or of a temperature by a heater."""
+"""On/off control with hysteresis, for example control of a pressure by a valve or of a temperature by a heater."""
 
 from __future__ import annotations
 
@@ -47,8 +47,9 @@ class Hysteresis(Generic[S]):
         return dict.fromkeys(("low", "high"), Number(self.sensor.units, shown=True))
 
     def control(self, accept: Accept = ()) -> S:
-        """Carry out one period: read, compare, write. Returns the state that the actuator has accepted: its default
-        while it is inhibited. Raises BadInput like every control law, RangeError if a number is not finite."""
+        """Carry out one period: read, compare, write. Returns the state that the actuator has accepted; while the
+        actuator is inhibited, this is its default. Raises BadInput like every control law, RangeError if a number is
+        not finite."""
         value, actuator = value_of(self.sensor, accept), self.actuator
         if self.low <= value <= self.high:
             state = actuator.pending
@@ -57,8 +58,8 @@ class Hysteresis(Generic[S]):
         elif -inf < self.high < value < inf:
             state = actuator.zero if self.raising is actuator.one else actuator.one
         else:
-            bounds = f"from {self.low} to {self.high}"
-            raise RangeError(f"{self.sensor.path}: {value} is not a value to regulate by, {bounds}")
+            bounds = f"with the bounds {self.low} and {self.high}"
+            raise RangeError(f"{self.sensor.path}: the value {value} cannot be controlled {bounds}")
         return state if actuator.write(state) else actuator.pending
 
     @property

@@ -1,5 +1,5 @@
 """Functions that read the inputs of control laws. They return the value of an object or raise BadInput, so that the
-caller has no flag to check. GOOD and STALE are accepted; an object is STALE only within the `max_age` for which the
+caller has no flag to check. GOOD and STALE are accepted. An object is STALE only within its `max_age`, for which the
 integrator has declared that the last value is held. BAD, OUT_OF_RANGE and UNREFERENCED are refused, unless the call
 accepts them explicitly.
 """
@@ -23,7 +23,7 @@ Accept: TypeAlias = Quality | Container[Quality]
 """The qualities (one or several) that a call accepts in addition to GOOD and STALE."""
 
 HOMING = frozenset({Quality.UNREFERENCED, Quality.OUT_OF_RANGE})
-"""The quality that homing accepts: the counter works, but its reference position is not known yet."""
+"""The qualities that homing accepts: the counter works, but its reference position is not known yet."""
 
 
 @overload
@@ -35,8 +35,8 @@ def value_of(
 ) -> float | FloatArray:
     """Return the sensor's value in its units, or the values of a Vector, as its `read` returns them.
 
-    Raises BadInput if the quality is not accepted. For a Vector the error names the first such object, and the number
-    of such objects. Objects of a Vector for which the array `where` is False are not checked.
+    Raises BadInput if the quality is not accepted. For a Vector the error names the first object whose quality is not
+    accepted, and the number of such objects. Objects of a Vector for which the array `where` is False are not checked.
     """
     if isinstance(sensor, Vector):
         values = sensor.read()
@@ -88,6 +88,6 @@ def _accepts(accept: Accept, quality: Quality) -> bool:
 
 
 def _refuse_other(function: str, given: object) -> None:
-    """Raise TypeError for what is not a sensor."""
+    """Raise TypeError for an object that is not a sensor."""
     if not isinstance(given, Atomic):
         raise TypeError(f"{function}() takes a sensor, not {cut_repr(given)}") from None

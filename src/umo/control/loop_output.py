@@ -45,7 +45,7 @@ class ActuatorOutput:
 
 
 class SetpointOutput:
-    """The output of a loop that is the setpoint of an inner law, within the limits of the outer one
+    """The output of a loop that is the setpoint of an inner law, within the limits of the outer law
     (`umo.control.cascade`)."""
 
     def __init__(self, part: Compound, outer: Any) -> None:
@@ -99,8 +99,8 @@ def outer_laws(part: Compound, law: Any) -> list[Any]:
 
 
 def _laws_around(part: Compound) -> Iterator[tuple[str, Any]]:
-    """The laws with loops that the machine had when it was connected, then all that this part and the compounds around
-    it have now, with their paths."""
+    """Return the laws with loops that the machine had when it was connected. Then return all laws that this part and
+    the compounds around it have now. Each law comes with its path."""
     yield from ((path, law) for _, path, law in part._machine.laws)
     node: Node | None = part
     while node is not None:

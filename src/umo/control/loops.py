@@ -1,4 +1,5 @@
-"""Loops of laws: a `PID`, or one element of a `VectorPID`. An experiment takes the place of its `step`."""
+"""Loops of laws: a `PID`, or one element of a `VectorPID`. An experiment can replace the result of the `step` of such a
+law."""
 
 from __future__ import annotations
 
@@ -13,12 +14,12 @@ from umo.objects import Compound, DigitalSensor
 
 SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 Next = Callable[[float, float, float, float, float], float | None]
-"""Function that returns another output, given the law's output, the measurement, the period in s and the bounds, or
-None for the law's own output."""
+"""Function that returns another output, or None for the law's own output. Its arguments are the law's output, the
+measurement, the period in s, and the lower and upper bounds of the output."""
 
 
 class ControlLoop(Protocol):
-    """One loop, with its sensor and its output if the law names these."""
+    """One loop, with its sensor and its output if the law names them."""
 
     sensor: DigitalSensor | None
     output: LoopOutput | None
@@ -56,7 +57,7 @@ class _Loop:
     """The common part of loops."""
 
     def __init__(self, part: Compound, law: Any, sensor: DigitalSensor | None = None, end: Any = None) -> None:
-        """`end`: what the law gives its output to, an actuator or an inner law."""
+        """`end`: the receiver of the law's output, an actuator or an inner law."""
         self._law, self._part = law, part
         self.sensor, self.output = sensor, output_of(part, law, end)
 
@@ -117,7 +118,7 @@ class LawLoop(_Loop):
 
 
 class ElementLoop(_Loop):
-    """The loop of one element of a `VectorPID`; the others continue."""
+    """The loop of one element of a `VectorPID`. The loops of the other elements continue."""
 
     def __init__(
         self, part: Compound, law: Any, place: int, sensor: DigitalSensor | None = None, end: Any = None

@@ -28,9 +28,10 @@ class PID:
         output = level.step(300.0, measured, dt, low=0.0, high=10.0)
 
     The derivative acts on the measurement, through a first-order filter. Anti-windup is conditional integration: while
-    the output is limited, the integral changes only towards the range (Astrom and Hagglund, Advanced PID Control, 2006,
-    section 3.5). All times are in s. Gains do not depend on the sampling period, as long as it is short compared with
-    these times. Gains may be changed at any time. Raises DeclarationError for values that `check_settings` refuses.
+    the output is limited, the integral changes only in the direction that leads back into the range (Astrom and
+    Hagglund, Advanced PID Control, 2006, section 3.5). All times are in s. Gains do not depend on the sampling period,
+    as long as it is short compared with these times. Gains may be changed at any time. Raises DeclarationError for
+    values that `check_settings` refuses.
     """
 
     gain: float
@@ -71,8 +72,8 @@ class PID:
         return {"setpoint": Number(shown=True), "error": Number(shown=True), **_times()}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
-        """Return the loops of the law by the ends of their paths ("" for the law itself), with their sensors and
-        actuators, if the law has any. An outer law has its inner law instead of an actuator."""
+        """Return the loops of the law by the last parts of their paths ("" for the law itself), each with its sensor
+        and actuator if the law has them. An outer law has its inner law instead of an actuator."""
         return {"": ()}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
@@ -93,7 +94,7 @@ class PID:
 
     def shift(self, distance: float) -> None:
         """Move the origin of the measurement by this distance, without an effect on the derivative. Raises RangeError
-        if it is not finite."""
+        if the distance is not finite."""
         if not isfinite(distance):
             raise RangeError(f"the measurement cannot be shifted by {distance!r}")
         if self._last is not None:
@@ -152,7 +153,8 @@ class PID:
 class VectorPID:
     """Many PIDs in one calculation on arrays: the same law as `PID`, element by element. Gains and times are numbers
     for all elements, or arrays of shape (n,). `measurement` is an array of shape (n,), and so is the output. While all
-    derivative times are 0 no derivative is computed; it begins again with the first step after this."""
+    derivative times are 0, no derivative is computed. The derivative begins again with the first step in which one of
+    them is above 0."""
 
     gain: float | FloatArray
     integral_time: float | FloatArray = inf
@@ -164,14 +166,14 @@ class VectorPID:
     limited: BoolArray = field(default_factory=lambda: np.zeros(1, np.bool_), init=False)
     """An array that is True for each output that was limited in the last step."""
     _last: FloatArray = field(default_factory=lambda: np.full(1, np.nan), init=False, repr=False)
-    """NaN where the next measurement is the first."""
+    """The last measurement of each element; NaN if the next measurement is the first."""
     _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)
 
     def __post_init__(self) -> None:
         self.check_settings()
 
     def check_settings(self) -> None:
-        """Check the settings as `PID.check_settings`."""
+        """Check the settings as `PID.check_settings` does."""
         check_numbers(self, finite=("gain",), not_negative=TIMES, above_0=("integral_time",), arrays=True)
 
     def reset(self) -> None:
@@ -190,7 +192,7 @@ class VectorPID:
         return {str(number): () for number in range(self.error.size)}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
-        """Return the experiments on a loop, like `PID.experiments`."""
+        """Return the experiments on a loop, as `PID.experiments` does."""
         from umo.control.experiment import LoopExperiments
         from umo.control.loops import ElementLoop
 

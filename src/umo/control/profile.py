@@ -39,17 +39,17 @@ MOST_SEGMENTS = 10
 """Largest number of segments of a motion: two that bring the motion within the limits, seven to the target, and the
 last one."""
 _NONE = Segment(inf, 0.0, 0.0, 0.0, 0.0)
-"""Stands for a segment that a motion does not have."""
+"""The placeholder for a segment that a motion does not have."""
 
 
 def _within(segment: Segment, time: float) -> tuple[float, float, float]:
-    """Position, velocity and acceleration `time` s after the start of a segment."""
+    """Return position, velocity and acceleration `time` s after the start of a segment."""
     _, p, v, a, j = segment
     return p + time * (v + time * (a / 2.0 + time * j / 6.0)), v + time * (a + time * j / 2.0), a + time * j
 
 
 def _after(segment: Segment, time: float, acceleration: float, jerk: float) -> Segment:
-    """The segment that begins `time` s after the start of another one."""
+    """Return the segment that begins `time` s after the start of the given one, with this acceleration and jerk."""
     position, velocity, _ = _within(segment, time)
     return Segment(segment.start + time, position, velocity, acceleration, jerk)
 
@@ -60,7 +60,7 @@ def _padded(segments: list[Segment]) -> list[Segment]:
 
 @dataclass
 class Profile:
-    """A setpoint profile to a target position within these limits, advanced by one period per call.
+    """A setpoint profile to a target position within the given limits, advanced by one period per call.
 
     A motion consists of segments of constant jerk; the last one does not end. A motion to a position is planned by
     ruckig. A motion to a velocity, such as to standstill, is computed by a formula, so that a controller can brake
@@ -75,13 +75,13 @@ class Profile:
     setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
     segments: list[Segment] = field(default_factory=lambda: _padded([Segment(0.0, *[0.0] * 4)]), init=False, repr=False)
     """The segments of the motion in progress. Their number is always `MOST_SEGMENTS`. A segment that starts at infinity
-    marks their end."""
+    marks the end of the segments."""
     origin: float = field(default=0.0, init=False, repr=False)
     """The offset that is added to the positions of the segments."""
     elapsed: float = field(default=0.0, init=False)
     """Time since the motion began, s."""
     duration: float = field(default=0.0, init=False)
-    """Time in s after which the target, or the velocity, is reached."""
+    """Time in s from the beginning of the motion until the target, or the velocity, is reached."""
     _planner: Any = field(default_factory=lambda: _ruckig().Ruckig(1), init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -92,7 +92,8 @@ class Profile:
         check_numbers(self, above_0=("velocity", "acceleration", "jerk"))
 
     def hold(self, position: float, velocity: float = 0.0) -> None:
-        """Set the position and velocity from which the profile continues. Raises RangeError if one is not finite."""
+        """Set the position and velocity from which the profile continues. Raises RangeError if one of the two is not
+        finite."""
         if not (isfinite(position) and isfinite(velocity)):
             raise RangeError(f"position {position!r} and velocity {velocity!r} per s must be finite")
         self.setpoint = Setpoint(position, velocity, 0.0)
@@ -101,7 +102,7 @@ class Profile:
 
     def shift(self, distance: float) -> None:
         """Move the origin of the positions: the setpoint changes by this distance, and the motion continues. Raises
-        RangeError if it is not finite."""
+        RangeError if the distance is not finite."""
         if not isfinite(distance):
             raise RangeError(f"the distance of a shift must be finite, not {distance!r}")
         position, velocity, acceleration = self.setpoint
@@ -112,8 +113,8 @@ class Profile:
         """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
 
         `velocity` lowers the largest speed for this profile. `duration` is the least time in s that the profile takes:
-        several axes with the duration of the slowest arrive together. Raises RangeError if the target is not finite, a
-        limit is not positive, or the duration is negative or not finite.
+        if several axes get the duration of the slowest axis, they arrive together. Raises RangeError if the target is
+        not finite, a limit is not positive, or the duration is negative or not finite.
         """
         if not velocity > 0.0:
             raise RangeError(f"the velocity of a profile to {target!r} must be above 0, not {velocity!r}")
@@ -154,7 +155,7 @@ class Profile:
         return self.duration
 
     def _plan(self) -> tuple[Any, float]:
-        """The current setpoint and the limits for ruckig, and the scale of their lengths."""
+        """Return the current setpoint and the limits in the form for ruckig, and the scale of their lengths."""
         if not self.velocity > 0.0:
             raise RangeError(f"a profile cannot be planned within the limits of {self!r}")
         plan = _ruckig().InputParameter(1)
@@ -168,7 +169,8 @@ class Profile:
         return plan, scale
 
     def _follow(self, plan: Any, scale: float, what: str) -> float:
-        """Begin a plan and return its duration in s. If there is no such profile, the present motion continues."""
+        """Compute the profile of a plan, begin it, and return its duration in s. Raises RangeError if there is no such
+        profile; then the present motion continues."""
         limit = plan.max_acceleration[0]
         trajectory = _ruckig().Trajectory(1)
         found = ""
@@ -184,7 +186,7 @@ class Profile:
         return self.duration
 
     def _calculate(self, plan: Any, trajectory: Any) -> str:
-        """Calculate a trajectory; why there is none, "" if there is one."""
+        """Calculate a trajectory. Return the reason why there is none, or "" if there is one."""
         ruckig = _ruckig()
         try:
             result = self._planner.calculate(plan, trajectory)
@@ -209,7 +211,7 @@ class Profile:
 
     def step(self, dt: float) -> Setpoint:
         """Advance the profile by `dt` s and return the setpoint. After the end of the profile the setpoint stays at the
-        target, or continues at the velocity. `dt` must not be negative. Raises RangeError if it is not finite."""
+        target, or continues at the velocity. `dt` must not be negative. Raises RangeError if `dt` is not finite."""
         before = self.elapsed
         elapsed = before + dt
         if not isfinite(elapsed):
@@ -241,7 +243,7 @@ def _segments(trajectory: Any, scale: float) -> list[Segment]:
 
 
 def _ruckig() -> ModuleType:
-    """Imported with the first profile and not with umo: it takes 0.2 s."""
+    """Return ruckig. It is imported with the first profile and not with umo, because the import takes 0.2 s."""
     import ruckig
 
     return ruckig  # type: ignore[no-any-return]

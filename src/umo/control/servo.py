@@ -31,17 +31,18 @@ class Servo(PID):
     actuator: DigitalActuator
     _: KW_ONLY
     feed_forward: float = 0.0
-    """Output for the setpoint's velocity: actuator units for one sensor unit per second."""
+    """Output for the setpoint's velocity, in actuator units for a velocity of one sensor unit per second."""
     inertia: float = 0.0
-    """Output for the setpoint's acceleration: actuator units for one sensor unit per second squared."""
+    """Output for the setpoint's acceleration, in actuator units for an acceleration of one sensor unit per second
+    squared."""
     friction: float = 0.0
-    """Output that overcomes dry friction, actuator units; added with the sign of the setpoint's velocity."""
+    """Output that overcomes dry friction, in actuator units. It is added with the sign of the setpoint's velocity."""
     limit: float = inf
     """Largest distance of the output from the actuator's default. Default: the range of the actuator."""
 
     def check_settings(self) -> None:
-        """Check the settings as `PID.check_settings`. Feed-forward, inertia and friction must be finite, the limit
-        above 0."""
+        """Check the settings as `PID.check_settings` does. Feed-forward, inertia and friction must be finite, and the
+        limit must be above 0."""
         super().check_settings()
         check_numbers(self, finite=("feed_forward", "inertia", "friction"), above_0=("limit",))
 
@@ -84,7 +85,7 @@ class Servo(PID):
         return taken and not self.limited
 
     def _reach(self, dt: float) -> tuple[float, float]:
-        """The lowest and highest output of this period."""
+        """Return the lowest and the highest output of this period."""
         actuator = self.actuator
         low, high, rate = actuator._minimum, actuator._maximum, actuator._slew_rate  # the properties are calls
         if self.limit != inf:
@@ -115,7 +116,7 @@ class VectorServo(VectorPID):
         super().__post_init__()
 
     def check_settings(self) -> None:
-        """Check the settings as `PID.check_settings`. An array must have a number for each sensor."""
+        """Check the settings as `PID.check_settings` does. An array must have a number for each sensor."""
         super().check_settings()
         for name in ("gain", "integral_time", "derivative_time", "filter_time"):
             if np.shape(getattr(self, name)) not in ((), (len(self.sensors),)):
@@ -135,8 +136,9 @@ class VectorServo(VectorPID):
         """Carry out one period of `dt` s: read, compute, write. Returns False if an output was limited or an actuator
         is inhibited.
 
-        `setpoint` is an array of shape (n,) or one number for all. Raises BadInput if the quality of one of the sensors
-        is not accepted, RangeError if a number is not finite; then nothing is written and the law is unchanged.
+        `setpoint` is an array of shape (n,), or one number for all sensors. Raises BadInput if the quality of one of
+        the sensors is not accepted, RangeError if a number is not finite; then nothing is written and the law is
+        unchanged.
 
         `enabled`: booleans of shape (n,). Where it is False, the quality of the sensor is not checked, the actuator is
         not written, the integral is held and the error is 0. Default: all are enabled.
@@ -167,7 +169,7 @@ class VectorServo(VectorPID):
             self._rate = np.where(excluded, 0.0, self._rate)
 
     def _reach(self, dt: float) -> tuple[FloatArray, FloatArray]:
-        """The lowest and highest outputs of this period."""
+        """Return the lowest and the highest outputs of this period."""
         limits = self.actuators._located().limits
         assert limits is not None
         low, high = limits.minimum, limits.maximum

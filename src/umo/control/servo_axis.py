@@ -19,7 +19,7 @@ _DISABLED, _HOMING, _FREE = AxisState.DISABLED, AxisState.HOMING, Interruption.N
 
 
 class AxisServo(Servo):
-    """The servo of an axis; setpoint and error are shown by the axis."""
+    """The servo of an axis. Its setpoint and error are shown by the axis."""
 
     @property
     def numbers(self) -> Mapping[str, Number]:
@@ -27,7 +27,7 @@ class AxisServo(Servo):
 
 
 def _numbers(axis: ServoAxis) -> dict[str, Number]:
-    """The gains of the servo up to ten times those of the declaration."""
+    """Return the gains of the servo, with ranges up to ten times the declared gains."""
     units = axis.encoder.units
     gain = f"{axis.motor.units or 1}/{units if units.isidentifier() else f'({units or 1})'}"
     found = {"servo.gain": Number(gain, *sorted((0.0, 10 * axis.gain)), tunable=True)}
@@ -100,10 +100,10 @@ class ServoAxis(Axis, numbers=_numbers):
             raise AxisError(f"{self._path} does not follow: {measure(servo.error, units)} behind its setpoint")
 
     def _resume(self, ticks: int, period: float) -> None:
-        """After missed periods, in which the axis has continued under its last command: it is controlled as if one
-        period had passed. If the axis has moved further than in one period, the setpoint moves with it, and the motion
-        is planned again from there; an axis that has moved past the end of its motion moves back. So the command has no
-        step and keeps its limits. An axis that has not moved on has an error, as in any period."""
+        """Continue after missed periods, in which the axis has moved under its last command. The axis is controlled as
+        if only one period had passed. If the axis has moved further than in one period, the setpoint moves with it, and
+        the motion is planned again from there; an axis that has moved past the end of its motion moves back. So the
+        command has no step and keeps its limits. An axis that has not moved has an error, as in any period."""
         position, velocity, _ = self.profile.setpoint
         reading = value_of(self.encoder, self._accept)
         moved = reading - (position - self.servo.error)

@@ -21,7 +21,7 @@ MAX_CORRECTIONS = 3
 
 
 class StepperAxis(Axis):
-    """An axis that a stepper motor drives; the encoder finds lost steps.
+    """An axis that is driven by a stepper motor. Lost steps are detected by the encoder.
 
         theta = StepperAxis(
             step=BinaryActuator(UpDown, ...), direction=BinaryActuator(Rotation, ...), step_size=0.225,
@@ -29,8 +29,8 @@ class StepperAxis(Axis):
             window=0.1, following_error=3.0, homing=..., search_speed=60.0, stall=20.0,
         )
 
-    CW increases the position. `window` is at least half a step. Lost steps that the encoder shows at the end of a
-    motion are compensated. At most 0.4 steps are made in a period (`STEPS_PER_PERIOD`), which limits the speed. Missed
+    CW increases the position. `window` is at least half a step. If the encoder shows lost steps at the end of a motion,
+    they are compensated. At most 0.4 steps are made in a period (`STEPS_PER_PERIOD`), which limits the speed. Missed
     periods delay the motion, because a stepper cannot catch up. If more than one step was due in the missed periods,
     the motor has stopped and starts again with a ramp.
     """
@@ -80,9 +80,9 @@ class StepperAxis(Axis):
             )
 
     def _resume(self, missed: float) -> None:
-        """After missed periods (s in all), in which no step was made: a motor that would have made more than one stands
-        still, and starts with a ramp. It does not start again while it ramps up: an axis that is always late
-        arrives."""
+        """Continue after missed periods, in which no step was made. `missed`: their time in s. A motor that would have
+        made more than one step stands still, and starts again with a ramp. While the ramp lasts, it does not start
+        again, so that even an axis that is always late arrives."""
         position, velocity, _ = self.profile.setpoint
         if self._ramp <= 0.0 and missed * abs(velocity) > self.step_size:
             self._ramp = abs(velocity) / self.profile.acceleration + self.profile.acceleration / self.profile.jerk
@@ -99,7 +99,7 @@ class StepperAxis(Axis):
 
     @property
     def error(self) -> float:
-        """The error at the last reading."""
+        """The commanded position minus the last reading."""
         return self.commanded - self.encoder.read()
 
     async def _settle(self) -> None:

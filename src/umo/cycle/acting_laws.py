@@ -23,7 +23,7 @@ _IS_IN_FAULT = attrgetter("in_fault")
 
 
 def _idle(part: Node) -> None:
-    """The law of equipment in fault."""
+    """Do nothing: the law of equipment in fault."""
 
 
 class ActingLaws:
@@ -38,7 +38,7 @@ class ActingLaws:
         self._turn = turn
         """The code that now takes a step."""
         self._of: dict[int, list[MethodType]] = {}
-        """The laws of each part for which they were requested, by the id of the part."""
+        """The laws of each part whose laws were requested, by the id of the part."""
         self._elsewhere: set[int] = set()
         """The ids of the parts and laws that capabilities carry out."""
         self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
@@ -116,7 +116,7 @@ class ActingLaws:
 
     @expects_errors
     def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, Callable[[], str]]) -> None:
-        """The laws after one that has failed."""
+        """Call the remaining laws of a group after one law has failed."""
         turn = self._turn
         while True:
             try:

@@ -35,8 +35,8 @@ COPIED_OBJECTS = 50
 
 
 def wait_busily(wired: Wired, seconds: float) -> None:
-    """If the timer of this connected machine runs in real time, wake its thread this time in s before each tick and
-    warm the caches; 0 means no busy waiting."""
+    """If the timer of a connected machine runs in real time, wake the machine's thread `seconds` before each tick and
+    warm the caches. 0 means no busy waiting."""
     ticker = None if wired.timer_wire is None else getattr(bare(wired.timer_wire.driver), "ticker", None)
     if ticker is None:
         return
@@ -103,12 +103,12 @@ def _give_up(error: Exception) -> None:
 
 
 def _good_raw(wire: Wire) -> int:
-    """A raw integer near the middle of the range that does not mark an invalid reading."""
+    """Return a raw integer near the middle of the range that does not mark an invalid reading."""
     return next(raw for raw in count(sum(wire.raw_bounds) // 2) if raw not in wire.invalid_raws)
 
 
 def _calibration(wire: Wire) -> Calibration:
-    """Without a linearization that is the user's own."""
+    """Return the calibration, but without a linearization that is the user's own."""
     users = wire.linearization is not None and not type(wire.linearization).__module__.startswith("umo.objects")
     return wire.calibration._replace(linearization=None) if users else wire.calibration
 
@@ -118,7 +118,8 @@ class _Copy(Compound):
 
 
 def _copy(item: Atomic) -> Any:
-    """The same object, with its calibration and its guards, of umo's own class, referenced, and without a parent."""
+    """Return a copy of the object, of umo's own class. It has the same calibration and guards, and no parent; it counts
+    as referenced."""
     kind = next(each for each in type(item).__mro__ if each.__module__.startswith("umo.objects"))
     copy: Any = object.__new__(kind)
     for each in kind.__mro__:

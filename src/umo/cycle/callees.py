@@ -68,7 +68,7 @@ class Callees:
             block.transfer = block.unwatched = refuse_write
 
     def end_absences(self) -> None:
-        """Let every call reach its driver again and wait, because the machine stops."""
+        """Let every call reach its driver again and wait for the device, because the machine stops."""
         self.away.end()
         self.away = NobodyAway()
 

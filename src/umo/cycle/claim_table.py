@@ -1,7 +1,8 @@
 """The claims of a machine: who drives each actuator (docs/decisions/0094-who-drives-an-output.md).
 
-A fault of its equipment or an interlock keeps an actuator at its default, or a client alone has the actuator, or else
-the program has it. The column `restrictions` shows this to all writers, and is set by this table only.
+Each actuator is in one of three conditions: a fault of its equipment or an interlock keeps it at its default; only a
+client may write it; or the program may write it. The column `restrictions` shows this to all writers. Only this table
+sets the column.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from umo.objects.claims import TAKEN, Claim, Rank
 from umo.objects.stop_order import stop_sequence
 
 ONE_BY_ONE = 64
-"""The number of actuators from which on the column `restrictions` is set as a whole."""
+"""The least number of changed actuators for which the whole column `restrictions` is computed at once."""
 
 
 def reason_of_client(who: str) -> str:
@@ -65,12 +66,12 @@ class Command:
 
     @property
     def interlocked(self) -> str | None:
-        """The reason of the inhibition."""
+        """The reason of the inhibition, or None."""
         return None if (found := self.inhibition) is None else found.reason
 
     @property
     def rank(self) -> Rank:
-        """The rank that has the actuator."""
+        """The rank that now decides about the actuator."""
         if any(each.held for each in self.faults):
             return Rank.FAULT
         if any(each.reason is not None for each in self.interlocks):
@@ -131,7 +132,7 @@ class Claims:
         """The values that suspended work last wrote to its actuators, by slot, for each part in which work is
         suspended. A fault of equipment ends the work in the equipment and removes these values."""
         self._asks_all = False
-        """True if writes of free actuators pass the command stage too."""
+        """True if writes to free actuators pass the command stage, too."""
         self._numbers: dict[str, int] = {}
         asked = (slot for slot in self.order if image.deliveries[slot].at_once)
         expiring = (slot for slot, command in self.by_slot.items() if command.expires < inf)
@@ -146,7 +147,7 @@ class Claims:
         return Command(slot, item.path, default, item.synchronous, item.expires or inf, interlocks, faults)
 
     def _known(self, slot: int) -> Command:
-        """The command of an actuator, also of one without a guard."""
+        """Return the command of an actuator, even if the actuator has no guard."""
         command = self.by_slot.get(slot)
         if command is None:
             command = self._of_equipment.get(slot) or self._command(self._image.items[slot])  # type: ignore[arg-type]
@@ -218,8 +219,8 @@ class Claims:
     # Interlocks and faults of equipment ----------------------------------------------------------------
 
     def interlocked(self, begun: Sequence[Inhibition]) -> None:
-        """Note that these interlocks have begun to inhibit, or that interlocks have ended. A client's hold on their
-        actuators is not restored by itself."""
+        """Update the claims after these interlocks have begun to inhibit, or after interlocks have ended. A client's
+        hold on the actuators does not come back by itself."""
         for each in begun:
             self._taken_by_clients.difference_update(each.slots)
             for slot in each.slots:
@@ -242,8 +243,8 @@ class Claims:
         self._restrict()
 
     def hold(self, fault: Inhibition) -> None:
-        """From now on allow only the defaults of the actuators of this inhibition, even if a client has taken them. No
-        other fault may hold them yet."""
+        """From now on allow only the defaults of the actuators of this inhibition, even if a client has taken the
+        actuators. No other fault may hold these actuators yet."""
         fault.held, fault.reason = True, fault.interlock.reason
         number = self._numbers.get(fault.reason, len(self._numbers))
         known, restrictions, any_taken = self.by_slot, self._image.restrictions, bool(self._taken_by_clients)

@@ -26,8 +26,8 @@ a write, because the actuator has an expiry or is asynchronous. TAKEN_BY_CLIENT:
 253: the number of the reason of an inhibition."""
 LAST, NOW, UNSEEN, TOLD = 1, 2, 64, 128
 """The bits of the column `written`. LAST: the actuator was written in the previous period. NOW: it was written since
-the values were sent last. UNSEEN: another writer has written the value that was already pending, and was not examined.
-TOLD: two writers were reported, so the writers of this actuator are no longer examined."""
+the values were sent last. UNSEEN: another writer has written the same value as the pending one, and this write was not
+examined. TOLD: two writers were reported, so the writers of this actuator are no longer examined."""
 WIDE, NARROW = 7, 2
 """Columns with 8 bytes per row, and columns with 1 byte per row."""
 
@@ -48,8 +48,8 @@ class Columns:
     Sensors: `raws`, `values`, `quality`, `times` of the last reading. Actuators: `pending` is the value written. The
     pair `sent` and `sent_raws` is the value that the driver received last, or receives next. `raws`, `values`, `times`
     belong to the value that the driver accepted last. `stepped`, for actuators with a slew rate, is the time of the
-    last step, infinite while a reset is still to be accepted. `restrictions` says whether the command stage checks a
-    write (set by the claims, `claim_table.py`).
+    last step; it is infinite while the device has not yet accepted a reset. `restrictions` says whether the command
+    stage checks a write (set by the claims, `claim_table.py`).
 
     `equipment`, `axes` and `alarms` have a row for each equipment, axis and alarm with the number of its state.
     """
@@ -88,8 +88,8 @@ class Scales:
         """The least and the greatest raw integer of an actuator."""
         exact = [wire.item.direction is Direction.INPUT or wire.exact for wire in wires]
         self.exact = np.array(exact, bool) & (np.maximum(np.abs(self.least), np.abs(self.greatest)) < 2.0**51)
-        """True if the raw integer nearest to any value of an actuator's range lies within `least` and `greatest`, and
-        is small enough that floats near it have fractions."""
+        """True if, for every value of an actuator's range, the nearest raw integer lies within `least` and `greatest`,
+        and is so small that floats near it have fractions."""
         rates = (wire.item._slew_rate for wire in wires)
         self.rate = np.array([inf if rate is None else rate for rate in rates], float)
         """The largest rate of an actuator in units per s; infinite if it is not limited."""
@@ -119,7 +119,7 @@ class Block:
         self.driver = driver
         self.channels = channels
         self.part = part
-        """The number of the part (`Wired.rates`) with another rate to which the objects belong; below 0 if they belong
+        """The number of the part with its own rate (`Wired.rates`) to which the objects belong. Negative if they belong
         to no such part."""
         self.start = start
         self.stop = start + len(channels)
@@ -146,9 +146,10 @@ class Block:
         storing them, and the caller sets the times."""
         self.give: Callable[[float, float], None]
         """For outputs: the function that fills the buffer with the pending values, limited by the slew rates. It is
-        called with the time in s and the duration of this period in s (0 means since the last step)."""
+        called with the time in s and the duration of this period in s. A duration of 0 means the time since the last
+        step."""
         self.commit: Callable[[float], None]
-        """For outputs: the function that notes that the hardware has accepted the buffer at the given time in s."""
+        """For outputs: the function that records that the hardware has accepted the buffer at the given time in s."""
         self.conditioned: Any = None
         """For inputs: the conversion by `umo.cycle.conditioning`; None if no sensor of the block is conditioned."""
         self.unsettled: set[int] = set()

@@ -49,7 +49,8 @@ class CommandStage:
         return taken
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        """Handle many writes in one call. Return an answer for each. If it raises Interlocked, none was accepted."""
+        """Handle many writes in one call. Return one answer for each write. If the function raises Interlocked, no
+        write was accepted."""
         if self.noted is not None:
             self.noted.update(slots)
         commands = [self._by_slot.get(slot) for slot in slots]
@@ -66,7 +67,7 @@ class CommandStage:
         return free
 
     def go_on(self, left: Mapping[int, float]) -> None:
-        """Write the values again that suspended work last wrote to these actuators. A value that is not accepted is
+        """Write again the values that suspended work last wrote to these actuators. A value that is not accepted is
         recorded as an event."""
         image = self._image
         if refused := [slot for slot, value in left.items() if not self._goes_on(slot, value)]:
@@ -91,7 +92,8 @@ class CommandStage:
             self._tell(slot, float(self._image.scales.defaults[slot]), Source.DEFAULT, True)
 
     def _tell(self, slot: int, value: float, source: Source, taken: bool) -> None:
-        """A watch that raises an error is reported and not called again, so that it cannot prevent a reset."""
+        """Call the watches. A watch that raises an error is reported and not called again, so that it cannot prevent a
+        reset."""
         for watch in tuple(self._watching):
             _, error = attempt(watch, slot, value, source.value, taken)
             if error is not None:
@@ -101,8 +103,8 @@ class CommandStage:
 
     def watch(self, call: WriteWatch) -> None:
         """From now on call this function for each write and each default that is sent, with the slot, the value, the
-        source ("program", "client", "default"), and whether the write was accepted. Then every write passes this
-        stage."""
+        source ("program", "client", "default"), and whether the write was accepted. While there is such a function,
+        every write passes this stage."""
         self._watching.append(call)
         self._ask()
 
@@ -113,7 +115,7 @@ class CommandStage:
         self._ask()
 
     def _ask(self) -> None:
-        """Let all writes pass this stage while somebody observes them."""
+        """Let all writes pass this stage while writes are watched or noted."""
         self._claims.ask_all(self.noted is not None or bool(self._watching))
 
 

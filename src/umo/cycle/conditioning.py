@@ -1,8 +1,8 @@
 """Conditioning of sensors: rollover of a counter, filter, velocity, debounce.
 
-Conditioning takes place when raw integers are converted to values. It computes with the times of the readings, so it is
-correct after missed ticks, at any rate, and for a driver off the cycle. A missing reading changes nothing. The raw
-integers stay unchanged."""
+Conditioning takes place when raw integers are converted to values. It computes with the times of the readings. So it is
+correct at any sampling rate, after missed ticks, and for a driver off the cycle. A missing reading changes nothing. The
+raw integers stay unchanged."""
 
 from __future__ import annotations
 
@@ -43,11 +43,12 @@ class Conditioner:
         return value
 
     def value_of(self, value: float, time: float) -> float:
-        """Return the value of a reading within the range. A filter ignores a second reading at the same time."""
+        """Return the conditioned value of a reading within the range. A filter ignores a second reading at the same
+        time."""
         return value
 
     def shift(self, distance: float) -> None:
-        """Note that the zero offset has changed by this distance."""
+        """Take into account that the zero offset has changed by this distance."""
 
     def leave(self) -> None:
         """Leave the range: the reading is shown unfiltered, and the filter starts again with the next reading."""
@@ -111,8 +112,8 @@ class NumberConditioner(Conditioner):
 
 
 class StateConditioner(Conditioner):
-    """The debounce of a binary sensor. A change counts when it lasts from one reading to another reading at least
-    `debounce` later. The level between two readings is unknown."""
+    """The debounce of a binary sensor. A change of level is shown once it has lasted from one reading to another
+    reading at least `debounce` later. The level between two readings is unknown."""
 
     def __init__(self, debounce: float) -> None:
         self._debounce = debounce
@@ -135,7 +136,8 @@ class StateConditioner(Conditioner):
 
 
 def _share(dt: float, time_constant: float) -> float:
-    """The share of a step that a low pass of the first order passes on in this time; 1 without a time constant."""
+    """Return the share of a step that a low pass of the first order passes on in this time; 1 without a time
+    constant."""
     return -expm1(-dt / time_constant) if time_constant else 1.0
 
 
@@ -168,7 +170,7 @@ class ConditionedInputs:
         time of all readings."""
 
     def convert(self, now: float) -> Sequence[tuple[int, float]]:
-        """Convert the block like `Block.convert`."""
+        """Convert the block as `Block.convert` does."""
         view, raws, values = self._block.view, self._columns.raws, self._columns.values
         read = [
             (place, slot, each, raw)

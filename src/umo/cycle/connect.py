@@ -40,7 +40,8 @@ C = TypeVar("C", bound=Compound)
 
 _ENTERING = threading.Lock()
 _ENTERED: dict[int, Compound] = {}
-"""The machines that are connected or being connected, by their ids, which nothing else has while they stand here."""
+"""The machines that are connected or being connected, by their ids. No other object can have the id of a machine in
+this dict."""
 
 
 class connect(Generic[C]):
@@ -212,7 +213,8 @@ class connect(Generic[C]):
             _ENTERED.pop(id(self.root), None)
 
     def _start(self) -> None:
-        """Values begin to move. What failed or arrived in the first sample is kept: a replay begins with it."""
+        """Open the drivers, begin the parts and take the first sample. The failures and arrivals in this sample are
+        kept, because a replay begins with them."""
         machine, transfer = self.machine, self.image.transfer
         self.image.segments.on_call = self.on_step
         self._drivers.open()
@@ -230,7 +232,7 @@ class connect(Generic[C]):
         self.started = True
 
     def _leave(self, cause: BaseException | None) -> None:
-        """Reset everything, then release everything. Actuators that were not reached are raised at the end."""
+        """Reset everything, then release everything. At the end, raise StopError if an actuator was not reached."""
         unreached: list[Failure] | None = None
         hindered: list[Failure] = []
         self.stop.is_leaving = True
@@ -275,8 +277,8 @@ class connect(Generic[C]):
             raise raised
 
     def _leave_at_once(self) -> list[str]:
-        """Reset and release everything in the midst of the user's code, which does not end: it is called no more. The
-        paths of the actuators that were not reached."""
+        """Reset and release everything in the middle of the user's code, which does not end and is not called any more.
+        Return the paths of the actuators that were not reached."""
         if self._device_claim is None:  # it is not connected yet
             return []
         self.machine.end(parts=False)
@@ -311,12 +313,12 @@ def _moment(machine: ConnectedMachine) -> Moment | None:
 
 
 def _call_limit(wired: Wired) -> float:
-    """Time in s after which a call of a driver hangs."""
+    """Return the time in s after which a call of a driver counts as hanging."""
     return call_limit([wired.drivers[name].timeout for name in wired.hardware])
 
 
 def _date(error: BaseException, moment: Moment | None) -> None:
-    """Say when an exception ended the run; one that was raised again says it once."""
+    """Note on an exception when it ended the run. An exception that is raised again keeps one such note."""
     with suppress(BaseException):  # an exception of the user's may refuse anything
         notes = getattr(error, "__notes__", [])
         notes[:] = [note for note in notes if not isinstance(note, Moment)]

@@ -101,7 +101,7 @@ class Inputs:
         self._plain = not (linearizations or hidden)
 
     def convert(self, now: float) -> Sequence[tuple[int, float]]:
-        """Convert as `Block.convert`."""
+        """Convert the block as `Block.convert` does."""
         block, both = self._block, self._both
         self._raws[:] = block.view
         self._rows[...] = block.buffer  # as floats: quicker than a product of integers and floats
@@ -117,7 +117,7 @@ class Inputs:
         return [(block.start + int(i), float(self._found[i])) for i in np.flatnonzero(~inside)]
 
     def _bend(self) -> None:
-        """Electrical quantities become values, NaN for raw integers that are invalid."""
+        """Convert electrical quantities to values. The value of an invalid raw integer is NaN."""
         found = self._found
         found[:] = self._linearizations.to_values(found)
         for raw, places in self._hidden:
@@ -147,7 +147,7 @@ class Outputs:
         self._written = None if extension is None else columns.written[slots]
 
     def give(self, now: float, dt: float) -> None:
-        """Encode the block like `Block.give`."""
+        """Encode the block as `Block.give` does."""
         if self._written is not None:
             extension.end_period(self._written)
         if self._limited or not self._plain:
@@ -161,7 +161,7 @@ class Outputs:
         subtract(self._bits, self._bits_of_rounding, self._block.raws)
 
     def commit(self, now: float) -> None:
-        """Confirm the block like `Block.commit`."""
+        """Confirm the block as `Block.commit` does."""
         self._values[:] = self._sent_view
         self._raws[:] = self._block.view
         self._times.fill(now)
@@ -196,8 +196,9 @@ def send(
 def _next(
     columns: Columns, scales: Scales, slots: slice | IntArray, now: float, dt: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The values to be sent: `pending`, as near to it as the rate allows from the value last accepted; and `stepped`.
-    One step at each time; none while a reset is still to be accepted, whose `stepped` is infinite."""
+    """Return the values to be sent, and the new `stepped`. A value to be sent is `pending`, or as near to `pending` as
+    the rate allows from the value accepted last. An actuator makes only one step at each time, and no step while a
+    reset is still to be accepted (its `stepped` is infinite)."""
     pending, sent, stepped = columns.pending[slots].copy(), columns.sent[slots], columns.stepped[slots]
     limited = np.isfinite(scales.rate[slots])
     if not limited.any():

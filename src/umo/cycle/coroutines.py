@@ -28,13 +28,13 @@ def place_of(sequence: Any) -> str:
 
 
 def code_of(sequence: Any) -> CodeType | None:
-    """Return the code of the sequence's `async def` function; None for other kinds of sequences."""
+    """Return the code of the sequence's `async def` function; None for a sequence that no such function has made."""
     return getattr(sequence, "cr_code", None)
 
 
 def given_to(sequence: Any) -> dict[str, Any]:
-    """Return the arguments of the sequence's function and the values of enclosing functions that it uses; {} after its
-    end."""
+    """Return the arguments of the sequence's function, and the values that it uses from enclosing functions. After the
+    end of the sequence, return {}."""
     code, values = _running(sequence)
     names = () if code is None else (*_parameters(code), *code.co_freevars)
     return {name: values[name] for name in names if name in values}
@@ -55,7 +55,8 @@ def is_new(sequence: Any) -> bool:
 
 
 def _running(sequence: Any) -> tuple[CodeType | None, dict[str, Any]]:
-    """Return the code of a sequence and the values of its names; None after its end."""
+    """Return the code of a sequence and the values of its names. After the end of the sequence, the code is None and
+    there are no values."""
     frame: FrameType | None = getattr(sequence, "cr_frame", None)
     return (None, {}) if frame is None else (frame.f_code, frame.f_locals)
 

@@ -50,16 +50,16 @@ class ImageOutputs(Slots):
         return bool(self.pending[slot] == self._defaults[slot])
 
     def _give_default(self, slot: int) -> None:
-        """Send its default next."""
+        """Make the default of an actuator the value that is sent next."""
         self.sent[slot], self.sent_raws[slot] = self._defaults[slot], self.transfer.defaults[slot]
         self.stepped[slot] = self.clock.now
 
     def accepted(self, slot: int) -> None:
-        """Note that a value was sent to one actuator without an error."""
+        """Record that a value was sent to one actuator without an error."""
         self.deliveries[slot].accepted(slot)
 
     def confirmed(self, slot: int) -> None:
-        """Note that one actuator has accepted the value that was sent."""
+        """Record that one actuator has accepted the value that was sent."""
         self.values[slot] = self.sent[slot]
         self.times[slot] = self.clock.now
         if self.stepped[slot] == inf:
@@ -81,7 +81,7 @@ class ImageOutputs(Slots):
             self._has_failed(slot, cause, failures)
 
     def unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
-        """Note that the pending value of an actuator cannot be converted to a raw integer."""
+        """Record that the pending value of an actuator cannot be converted to a raw integer."""
         self._has_failed(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
 
     def _has_failed(self, slot: int, cause: str, failures: list[Failure]) -> None:
@@ -105,21 +105,21 @@ class WithPeriod:
         return []
 
     def accepted(self, slot: int) -> None:
-        """Note that a value was sent to an actuator without an error."""
+        """Record that a value was sent to an actuator without an error."""
         self._image.confirmed(slot)
 
     def refused(self, slot: int) -> None:
-        """Note that the device did not accept the pending value."""
+        """Record that the device did not accept the pending value."""
 
     def is_sent_again(self, slot: int) -> bool:
-        """Return True if an unconfirmed value is sent again in the next period, and has not failed yet. If it is not
-        known whether the device answers, sending was not tried."""
+        """Return True if an unconfirmed value is sent again in the next period, and does not count as failed yet. This
+        is also so while it is unknown whether the device answers, because the value was then not sent at all."""
         image = self._image
         away, driver = image.transfer.callees.away, image.wires[slot].driver
         return self._is_within(slot, image.times[slot]) or away.is_unknown(driver)
 
     def _is_within(self, slot: int, since: float) -> bool:
-        """True if no more than its `max_age` has passed since this time, in s."""
+        """Return True if no more than the actuator's `max_age` has passed since this time in s."""
         max_age = self._items[slot]._max_age
         return max_age is not None and bool(self._image.clock.now - since <= max_age)
 
@@ -129,12 +129,12 @@ class WithPeriod:
         return True
 
     def goes_on(self, slot: int) -> None:
-        """Note that the device has been initialised again and gets the pending value."""
+        """Record that the device has been initialised again and gets the pending value."""
 
 
 class AtOnce(WithPeriod):
-    """Delivery of outputs that a write sends. A default that was not accepted is sent in every period until it is
-    accepted."""
+    """Delivery of outputs whose values are sent by the write itself. A default that was not accepted is sent in every
+    period until it is accepted."""
 
     at_once = True
 
@@ -158,7 +158,7 @@ class AtOnce(WithPeriod):
         return failures
 
     def refused(self, slot: int) -> None:
-        """Note that a default was refused: it is sent again until it is accepted or another value is written."""
+        """Record that a value was refused. A default is sent again until it is accepted or another value is written."""
         owed = self._image.owed
         (owed.add if self._image.is_at_default(slot) else owed.discard)(slot)
 

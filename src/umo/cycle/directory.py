@@ -30,17 +30,18 @@ class MotionAxis(Protocol):
         """Return the path, states, position, limits and actions of the axis, as plain data."""
 
     def _leave(self) -> Any:
-        """Store its motion, to continue it later (`umo.control.axis.LeftMotion`), and free it for others."""
+        """Store the motion of the axis, so that it can continue later, and free the axis for other work. Return the
+        stored motion (`umo.control.axis.LeftMotion`)."""
 
     def _stop_as_declared(self, left: Any) -> str:
-        """Carry out the declared reaction, because nothing controls the part any more. Return it as a text; "" if
-        nothing changes. `left`: what it has left."""
+        """Carry out the declared reaction, because nothing controls the part any more. Return the reaction as a text;
+        "" if nothing changes. `left`: the motion that `_leave` has stored."""
 
     def _let_go(self) -> None:
         """Stop controlling the part, because leaving or stopping it has failed."""
 
     def _driven(self) -> tuple[Actuator, ...]:
-        """The actuators that its law controls, including those not written in this period."""
+        """Return the actuators that the law of the axis controls, including those not written in this period."""
 
 
 class Book(Protocol):
@@ -61,7 +62,7 @@ class Directory:
         self.numbers = numbers_of(root)
         """The numbers of the machine, by path."""
         self.kept = {path: kept_kind(each) for path, each in self.numbers.items() if each.declared.kept}
-        """The values that are kept over a restart, by path, each with its type as plain data."""
+        """The values that are kept across a restart: the type of each as plain data, by path."""
         self.tunables = {path: each for path, each in self.numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.axes = axes_in(root)
@@ -77,7 +78,7 @@ class Directory:
         return actions_of(self._root)
 
     def action_at(self, path: str) -> Action | None:
-        """Return an action by its path; the action may be one on a loop. Raises PathError if the path names no law."""
+        """Return an action by its path; the action may belong to a loop. Raises PathError if the path names no law."""
         return self.actions.get(path) or self.loops.action(path)
 
     @cached_property

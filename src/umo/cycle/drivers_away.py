@@ -2,9 +2,9 @@
 
 After a call that timed out a stand-in replaces the driver, and every call fails immediately. Before a period, at
 growing intervals, umo looks for the devices (`Looks.look`, which never waits). A device that answers is initialised
-again if it was away for long, and is then called: the first call that succeeds ends the absence. After another kind of
-failure of a whole transfer, umo looks for the device before the next period; until then the device is called as usual.
-The decisions are made in `umo.drivers.absence`. (docs/decisions/0030 and 0098)
+again if it was away for long, and is then called: the first call that succeeds ends the absence. If a whole transfer
+fails in another way, umo looks for the device before the next period. Until then the device is called as usual. The
+decisions are made in `umo.drivers.absence`. (docs/decisions/0030 and 0098)
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class DriversAway(NobodyAway):
         self._clock.on_tick = instead
 
     def _look(self) -> None:
-        """Before each period, while any driver is away."""
+        """Look for the devices of the drivers that are away. Called before each period."""
         self._on_tick()
         for away in tuple(self._away.values()):
             if away.absence.is_confirmed:  # nothing was called since it was found
@@ -124,7 +124,7 @@ class DriversAway(NobodyAway):
         self._let_call(away, step)
 
     def _let_call(self, away: DriverAway, step: AbsenceStep) -> None:
-        """Let calls of the driver go where the step says."""
+        """Let calls of the driver go to the driver or to a stand-in, as the step requires."""
         callee: Any = away.driver
         if step is AbsenceStep.REFUSE:
             callee = Away(away.refusal)
@@ -157,7 +157,7 @@ class DriversAway(NobodyAway):
         return ""
 
     def _back(self, away: DriverAway) -> None:
-        """A call has succeeded, or none was needed."""
+        """End an absence, because a call has succeeded or no call was needed."""
         self._let_call(away, AbsenceStep.CALL)
         del self._away[id(away.driver)]
         if not self._away:
@@ -166,7 +166,7 @@ class DriversAway(NobodyAway):
             self._events.add(partial(_back_event, away, self._clock.now), logged=True)
 
     def _tell_away(self, away: DriverAway) -> None:
-        """Once, when it has lasted; a few times a minute."""
+        """Report an absence once, when it has lasted long enough. Only a few absences a minute are reported."""
         if not away.judged and away.absence.has_lasted(self._clock.now):
             away.judged = True
             limit = self._limits.setdefault(away.name, EventLimit())
@@ -181,12 +181,12 @@ def _answer(driver: Driver[Any]) -> bool | None:
 
 
 def _away_event(away: DriverAway, now: float, left_out: int) -> Event:
-    """An absence has lasted."""
+    """Return the event that an absence has lasted long enough to be reported."""
     return limited(now, f"driver {away.name}", f"is away: {away.cause}", left_out)
 
 
 def _back_event(away: DriverAway, now: float) -> Event:
-    """A driver has ended its absence."""
+    """Return the event that a driver is back."""
     again = f", initialised again{_at_defaults(list(away.defaulted))}" if away.absence.was_initialized else ""
     text = f"is back after {duration(round(now - away.absence.began, 6))}{again}"
     return Event(now, f"driver {away.name}", text)
@@ -200,7 +200,7 @@ def _at_defaults(paths: Sequence[str]) -> str:
 
 
 def in_order(slots: Iterable[int], drivers: Sequence[Driver[Any]]) -> dict[int, list[int]]:
-    """Return the slots of each driver, by its id, in the order given; `drivers` are those of all slots."""
+    """Return the slots of each driver, by its id, in the order given. `drivers` contains the driver of every slot."""
     found: dict[int, list[int]] = {}
     for slot in slots:
         found.setdefault(id(drivers[slot]), []).append(slot)

@@ -1,8 +1,8 @@
-"""Equipment: the parts of a machine that fail alone (the equipment module of ISA-88).
+"""Equipment: parts of a machine whose failures do not end the run (the equipment module of ISA-88).
 
-A failure of an object, a law, a started sequence or a motion belongs to the innermost equipment around it. Equipment in
-fault has its actuators at their defaults, its sequences have ended and its laws are not called; the other parts of the
-machine continue. A failure that no declared equipment contains ends the run.
+A failure of an object, a law, a started sequence or a motion belongs to the innermost equipment around it. While
+equipment is in fault, its actuators are at their defaults, its sequences have ended, and its laws are not called. The
+other parts of the machine continue. A failure that no declared equipment contains ends the run.
 """
 
 from __future__ import annotations
@@ -89,11 +89,11 @@ class Equipment:
         return self.reason() if self.in_fault else None
 
     def enter(self, reason: str | Callable[[], str]) -> None:
-        """Note that the equipment enters a fault."""
+        """Record that the equipment enters a fault."""
         self.in_fault, self.reason = True, Reason(reason)
 
     def clear(self) -> None:
-        """Note that the fault of the equipment is cleared."""
+        """Record that the fault of the equipment is cleared."""
         self.in_fault, self.reason = False, str
 
     def error(self) -> EquipmentFault:
@@ -113,8 +113,8 @@ def equipment_in(root: Compound) -> list[Compound]:
 
 
 class Containment:
-    """The equipment of one connected machine. This object puts equipment into fault and clears it. `is_manual` returns
-    the mode; `changed` is called when equipment enters a fault or is cleared."""
+    """The equipment of one connected machine. This object puts equipment into fault and clears faults. `is_manual`
+    returns True in manual mode. `changed` is called when equipment enters a fault or is cleared."""
 
     def __init__(
         self,
@@ -133,7 +133,7 @@ class Containment:
         """The results of `around`."""
         self._gathering = False
         self._held: list[Equipment] = []
-        """The equipment that has entered a fault since `gather` and was not settled yet."""
+        """The equipment that has entered a fault since `gather` and has not been settled yet."""
         self._items: dict[str, Atomic] = {item.path: item for item in image.items} if self.all else {}
         """The objects by path."""
         claims.know([each.inhibition for each in self.all if each.inhibition is not None])
@@ -173,7 +173,7 @@ class Containment:
             raise found.error()
 
     def _in_fault_around(self, node: Node | None) -> Equipment | None:
-        """The innermost equipment in fault around an object."""
+        """Return the innermost equipment in fault around an object."""
         for each in self.around(node):
             if each.in_fault:
                 return each
@@ -218,8 +218,8 @@ class Containment:
         return True
 
     def _fail(self, equipment: Equipment, text: Callable[[], str]) -> None:
-        """Put it in fault because of an error with this text; the text says if the error came from a `finally`
-        block."""
+        """Put equipment into fault because of an error with this text. If the equipment already is in fault, report the
+        error as one that occurred while cleaning up."""
         if self.is_in_fault(equipment.compound):
             event = partial(_cleaning_up_event, self._image.clock.now, equipment.path, text)
             self._image.events.add(event, logged=True)
@@ -229,8 +229,9 @@ class Containment:
             self._settle_held()
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
-        """Handle the failure of a started sequence. A sequence that awaits it gets the error. If no sequence of the
-        same equipment awaits it, put the equipment into fault. Return False if no equipment contains it."""
+        """Handle the failure of a started sequence. A sequence that awaits the failed one gets the error. If no
+        sequence of the same equipment awaits it, put the equipment into fault. Return False if no equipment contains
+        it."""
         if is_interrupt(error):
             return False
         equipment = self.innermost(task.part)
@@ -256,7 +257,7 @@ class Containment:
             self._settle_held()
 
     def _hold(self, equipment: Equipment, reason: str | Callable[[], str]) -> None:
-        """Put equipment in fault. It is settled later."""
+        """Put equipment into fault. The equipment is settled later."""
         equipment.enter(reason)
         self._image.columns.equipment[equipment.number] = EquipmentState.FAULT
         if equipment.inhibition is not None:
@@ -275,7 +276,7 @@ class Containment:
             self._settle_held()
 
     def _settle_held(self) -> None:
-        """The actuators are brought to their defaults first."""
+        """Settle the collected equipment. Its actuators are brought to their defaults first."""
         new, self._held = self._held, []
         inhibitions = [each.inhibition for each in new if each.inhibition is not None]
         unreached = self._claims.inhibit(inhibitions) if inhibitions else {}
@@ -320,13 +321,14 @@ class Containment:
         return [each.path for each in cleared]
 
     def _read_slow(self, slots: Sequence[int]) -> None:
-        """The sensors of parts that have rates of their own may not have been read since they could not be."""
+        """Read those sensors of parts with their own rates that have not been read since a reading of them failed."""
         if slow := [slot for slot in slots if slot in self._image.slow and self._is_unread(slot)]:
             with suppress(DriverError):
                 self._image.sample_some(slow)
 
     def _initialize(self, equipment: Equipment) -> Failure | None:
-        """Initialise its actuators, and the sensors that had failed. Return the failure."""
+        """Initialise the equipment's actuators, and those of its sensors that had failed. Return the first failure, or
+        None."""
         image, actuators = self._image, self._claims.place
         for slot in equipment.slots:
             if slot in actuators or slot in image.failed:
@@ -337,7 +339,7 @@ class Containment:
         return None
 
     def _absent(self, equipment: Equipment) -> str:
-        """Return which of its drivers are away, as text."""
+        """Return which drivers of the equipment are away, as text."""
         transfer = self._image.transfer
         drivers = dict.fromkeys(transfer.wires[slot].driver for slot in equipment.slots)
         names = [transfer.words_of(driver) for driver in drivers if transfer.callees.away.is_away(driver)]

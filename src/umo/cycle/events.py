@@ -36,11 +36,11 @@ LET_GO = "let go"
 """`Event.asked` for the end of a client's hold. If several holds end for one reason, such as the end of the lease, one
 event without a number of a command covers all."""
 FAULT = "fault"
-"""`Event.asked` of the event that the equipment at its path has entered a fault."""
+"""`Event.asked` of the event which says that the equipment at its path has entered a fault."""
 FAULT_PREFIX = "in fault: "
 """The beginning of the text of a FAULT event; the reason follows."""
 FAULT_CLEARED = "fault cleared"
-"""Text of the event that the fault of the equipment at its path has ended."""
+"""The text of the event which says that the fault of the equipment at its path has ended."""
 MISTAKE = "mistake"
 """`Event.asked` for an error in the program, at the object concerned. The error is recorded once, and the run
 continues."""
@@ -129,7 +129,8 @@ class Events(Sequence[Event]):
     def __init__(self) -> None:
         self._kept: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self.untold = False
-        """True if there are notes that must become events. It is checked when the outputs of a period were sent."""
+        """True if there are notes that must become events. The attribute is checked after the outputs of a period were
+        sent."""
         self._noted: deque[Note] = deque()
         """The notes since the last period."""
         self._waiting: deque[Note] = deque()
@@ -142,14 +143,14 @@ class Events(Sequence[Event]):
         """The number of events that were formatted so far."""
 
     def add(self, event: Event | Callable[[], Event], *, logged: bool = False, needed: bool = False) -> None:
-        """Note an event, or a function that makes it later. `logged`: also write it to the log, as a warning. `needed`:
-        the event is never left out, like the answers to clients."""
+        """Add an event, or a function that makes the event later. `logged`: also write the event to the log, as a
+        warning. `needed`: the event is never left out, like the answers to clients."""
         self.untold = True
         is_answer = isinstance(event, Event) and event.command > 0
         self._noted.append(Note(event, logged, is_answer, needed))
 
     def log(self, line: Callable[[], str]) -> None:
-        """Note a warning for the log only; the function formats it later."""
+        """Add a warning for the log only; the function formats the warning later."""
         self.untold = True
         self._noted.append(Note(line, True, False, False))
 
@@ -266,7 +267,7 @@ class Paths(Sequence[str]):
 
     @property
     def around(self) -> str:
-        """The path of the compound that most closely contains all of them; "" means the machine."""
+        """The path of the innermost compound that contains all the objects; "" means the machine."""
         compounds = {id(parent): parent for place in self._places if (parent := self._items[place]._parent)}
         common: list[Node] = []
         for number, compound in enumerate(compounds.values()):
@@ -278,7 +279,7 @@ class Paths(Sequence[str]):
 
 
 def _with_outer(node: Node | None) -> list[Node]:
-    """The compounds around it, from the machine to itself."""
+    """Return the objects from the machine down to this one."""
     found: list[Node] = []
     while node is not None:
         found.append(node)
@@ -288,15 +289,15 @@ def _with_outer(node: Node | None) -> list[Node]:
 
 def of_several(time: float, paths: Paths, alone: str, together: str) -> Event:
     """Return one event for one cause that concerns any number of objects. For one object, the event is at its path and
-    has the text `alone`. For several, the event is at the path of the nearest compound around them and has the text
-    `together` and their paths."""
+    has the text `alone`. For several objects, the event is at the path of the innermost compound around them; its text
+    consists of `together` and their paths."""
     if len(paths) == 1:
         return Event(time, paths[0], alone)
     return Event(time, paths.around, f"{together}: {some(paths)}")
 
 
 def around(paths: Sequence[str]) -> str:
-    """Return the path of the nearest compound around objects; "" for the machine."""
+    """Return the path of the innermost compound around these objects; "" for the machine."""
     first, last = min(paths).split("."), max(paths).split(".")
     same = 0
     while same < min(len(first), len(last)) - 1 and first[same] == last[same]:

@@ -11,7 +11,7 @@ from umo.objects.presentation.run_facts import clock_text
 KEPT_FAULTS = 1000
 """The number of the most recent faults that are kept. All faults are counted."""
 KEPT_MISTAKES = 100
-"""Number of the first mistakes that are kept."""
+"""The largest number of mistakes that are kept; these are the first ones of the run."""
 
 
 @dataclass
@@ -50,7 +50,7 @@ class FaultLog:
         """Total number of faults."""
         self.last: deque[EquipmentFaultRecord] = deque(maxlen=KEPT_FAULTS)
         self.standing: dict[str, EquipmentFaultRecord] = {}
-        """The faults that were not cleared, by the path of the equipment."""
+        """The faults that have not been cleared, by the path of the equipment."""
         self.mistakes: list[MistakeRecord] = []
         self.next = 0
         """The number of the event that is added next."""

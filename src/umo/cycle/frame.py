@@ -27,7 +27,7 @@ class Signal(NamedTuple):
 
 
 class _Numbered:
-    """A named value, read as the number of its state."""
+    """A value with named states, read as the number of its state."""
 
     def __init__(self, number: MachineNumber) -> None:
         self._of = number

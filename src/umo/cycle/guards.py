@@ -1,4 +1,5 @@
-"""Guards: the interlocks of a machine, and the times after which its commands expire, evaluated in GUARD."""
+"""Guards: the interlocks of a machine, and the times after which its commands expire. They are evaluated in the phase
+GUARD."""
 
 from __future__ import annotations
 
@@ -47,8 +48,9 @@ class Guards:
             self._image.reset_some([slot for slot in self._claims.order if slot in due])
 
     def _interlocked(self) -> set[int]:
-        """The actuators that begin to be inhibited. All conditions are asked before anything is reset. Nothing latches
-        before the first period: what is inhibited while the machine is being connected has not acted yet."""
+        """Return the actuators that are inhibited from now on. All conditions are evaluated before anything is reset.
+        No interlock latches before the first period, because an actuator that is inhibited while the machine is being
+        connected has not acted yet."""
         latch = self._image.clock.number > 0
         begun = [each for each in self._claims.inhibitions if each.ask(latch)]
         if begun or self._inhibiting:
@@ -68,7 +70,7 @@ class Guards:
         return {slot for each in begun for slot in each.slots}
 
     def _is_outranked(self, slot: int) -> bool:
-        """True if what has the actuator ranks above any interlock."""
+        """Return True if the rank that decides about the actuator is above that of any interlock."""
         return self._claims.by_slot[slot].rank > Rank.INTERLOCK
 
     def _tell_inhibited(self, slots: Sequence[int], each: Inhibition) -> None:
@@ -79,7 +81,8 @@ class Guards:
         self._image.events.add(event, logged=True)
 
     def _expired(self, due: Container[int]) -> set[int]:
-        """The asynchronous ones to be reset now; the default of the others is sent with `update`."""
+        """Handle the expired commands. Return the asynchronous actuators among them, which must be reset now; the
+        defaults of the others are sent with `update`."""
         sent, found = list[int](), set[int]()
         told: dict[float, list[int]] = {}
         now, pending = self._image.clock.now, self._image.pending

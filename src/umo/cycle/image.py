@@ -68,7 +68,7 @@ class Image(ImageDefaults):
             item._connect(self, slot)
 
     def end(self) -> None:
-        """Note that the machine stops: no period follows."""
+        """Record that the machine stops: no period follows."""
         self.transfer.callees.end_absences()
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
@@ -124,11 +124,11 @@ class Image(ImageDefaults):
             self.settle_block(block, outside, now, failures)
 
     def _unread(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
-        """Its transfer has failed."""
+        """Handle the failed transfer of a block of inputs."""
         self.accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
 
     def _end_sample(self, failures: list[Failure]) -> bool:
-        """Something is not, or was not, as it should be."""
+        """End a sample in which something fails or has failed before. Return True if all sampled sensors are GOOD."""
         what = "could not be read"
         if self.found:
             failures, self.found = [*self.found, *failures], []
@@ -230,7 +230,7 @@ class Image(ImageDefaults):
         return value
 
     def ticked(self, raw: int) -> None:
-        """Note a reading of the timer that other code has made."""
+        """Take over a reading of the timer that other code has made."""
         failures: list[Failure] = []
         self.raws[self.timer] = raw
         self._take_tick(raw, failures)
@@ -281,7 +281,7 @@ class Image(ImageDefaults):
         return not failures
 
     def _store(self, slot: int, value: float) -> bool:
-        """A value within its range was written; without the extension, which otherwise does this."""
+        """Handle a written value that is within the range. With the extension, the extension does this instead."""
         if self.restrictions[slot]:
             return self.command(slot, value)
         self.pending[slot] = value
@@ -300,16 +300,16 @@ class Image(ImageDefaults):
         return True
 
     def go_on(self, slot: int, value: float) -> bool:
-        """Write a value again that suspended work had written, so that the value is sent in this period. Return True if
-        it was accepted."""
+        """Write again a value that suspended work had written, so that it is sent in this period. Return True if the
+        value was accepted."""
         taken = self.command(slot, value)
         self.does_not_wait(slot)
         return taken
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Write many actuators in one call; the ranges were already checked. `each` lists the same slots, which are all
-        synchronous or all asynchronous. Return whether all were accepted, and, if asynchronous, sent. An inhibited
-        actuator is not changed."""
+        synchronous or all asynchronous. Return True if all values were accepted and, for asynchronous actuators, also
+        sent. An inhibited actuator is not changed."""
         if self.writes is None:
             if not np.count_nonzero(self.columns.restrictions[slots]):
                 self.columns.pending[slots] = values
@@ -340,7 +340,7 @@ class Image(ImageDefaults):
             self.fail("could not be reset", failures)
 
     def _resets_again(self, slot: int) -> bool:
-        """True if a failed reset is not a failure yet: the default is sent again in the next period."""
+        """Return True if a failed reset is not a failure yet, because the default is sent again in the next period."""
         if self.items[slot].direction is not Direction.OUTPUT or not self.deliveries[slot].is_sent_again(slot):
             return False
         self.owed.discard(slot)  # it is sent again as what is pending
@@ -349,8 +349,8 @@ class Image(ImageDefaults):
         return True
 
     def _convert(self, slots: Sequence[int]) -> None:
-        """Set what is sent next of some actuators, with rates from their last steps; whatever a linearization of the
-        user's raises."""
+        """Set the values that some actuators are sent next, limited by the rates since their last steps. Raises
+        whatever a linearization of the user's raises."""
         linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
         send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, 0.0)
 

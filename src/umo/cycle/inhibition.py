@@ -19,8 +19,8 @@ MAX_RESULT_TEXT = 100
 
 @dataclass(eq=False)
 class Inhibition:
-    """One interlock, or the fault of one equipment, with its actuators. It is true in each period in which it inhibits
-    the actuators."""
+    """One interlock, or the fault of one equipment, with its actuators. `reason` is not None while the actuators are
+    inhibited."""
 
     interlock: Interlock
     slots: list[int]
@@ -32,7 +32,7 @@ class Inhibition:
     condition: Callable[[], Any] = field(init=False)
     """The function that is evaluated: the condition of the interlock, or its compiled form."""
     _latched: bool = False
-    """True if it inhibits until it is acknowledged."""
+    """True if the interlock inhibits until it is acknowledged."""
 
     def __post_init__(self) -> None:
         self.condition = self.interlock.condition
@@ -88,8 +88,8 @@ def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[i
 
 
 def _reason(interlock: Interlock, holds: Any) -> str | None:
-    """Return why it inhibits now, or None. A result that is not a bool counts as true, such as None of a function
-    without a return."""
+    """Return why the interlock inhibits now, or None. A result that is not a bool also inhibits, for example None from
+    a function without a return."""
     if isinstance(holds, bool | np.bool_):
         return interlock.reason if holds else None
     return _cannot(interlock, f"it gives {briefly(holds, MAX_RESULT_TEXT)}, which is not True or False")

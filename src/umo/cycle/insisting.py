@@ -92,8 +92,8 @@ def side_of(file: str) -> Side:
 
 
 def _side(frame: FrameType) -> Side:
-    """The side of a frame: also of a program that was given as a text (`python -c`). What Python generates, such as the
-    constructors of dataclasses, has the same name of a file."""
+    """Return the side of a frame. A program that was given as a text (`python -c`) is the user's, although its file has
+    the same name as code that Python generates, such as the constructors of dataclasses."""
     file = frame.f_code.co_filename
     if file == "<string>" and frame.f_code.co_name == "<module>":
         return Side.USER
@@ -106,14 +106,14 @@ class MainThreadPlace(NamedTuple):
     code: FrameType | None
     """Frame of the user's code that may be interrupted, or None if there is none."""
     at_once: bool
-    """True if the user's code has not called a function of umo that is still in progress."""
+    """True if no function of umo that the user's code has called is still in progress."""
     call: FrameType | None
     """The outermost frame of the call of a driver that is in progress, or None if there is no such call."""
 
 
 def standing_of(frame: FrameType | None, is_leaving: bool = False) -> MainThreadPlace:
     """Return the place of a thread, by its innermost frame. `is_leaving`: the outputs are being reset in the middle of
-    the user's code; then only calls of drivers within the reset count."""
+    the user's code; then only calls of drivers within the reset are considered."""
     within: list[FrameType] = []  # frames that are not umo's, up to one that is
     call: FrameType | None = None
     inner: FrameType | None = None
@@ -141,7 +141,8 @@ def standing_of(frame: FrameType | None, is_leaving: bool = False) -> MainThread
 
 
 def _interrupted(frame: FrameType | None) -> FrameType | None:
-    """The frame that the handler of signals has interrupted; a signal may also interrupt the handler of another."""
+    """Return the frame that the handler of signals has interrupted. A signal may also interrupt the handler of another
+    signal."""
     found = frame
     while frame is not None:
         if frame.f_code.co_name == HANDLER and frame.f_code.co_filename == STOPPING:
@@ -151,7 +152,7 @@ def _interrupted(frame: FrameType | None) -> FrameType | None:
 
 
 def _users(frames: Iterable[FrameType]) -> FrameType | None:
-    """The innermost frame of the user's code among these."""
+    """Return the innermost frame of the user's code among these frames, or None."""
     return next((each for each in frames if _side(each) is Side.USER), None)
 
 
@@ -246,13 +247,13 @@ class StopSignals:
         _at_return(code, end)
 
     def _find_call(self, standing: MainThreadPlace) -> float:
-        """Time in s for which the active call of a driver is known."""
+        """Return the time in s since a signal first found the active call of a driver."""
         if standing.call is not self._call:
             self._call, self._since = standing.call, self._clock()
         return self._clock() - self._since
 
     def _end(self, number: int, what: str, machines: Sequence[SignalledMachine]) -> NoReturn:
-        """Raise `Interrupted`, or end the process if that was of no use."""
+        """Raise `Interrupted`, or end the process if the user's code has caught `Interrupted` too often."""
         self._raised += 1
         if self._raised > MAX_RAISED and not self._is_leaving:
             self._is_leaving = True
@@ -262,12 +263,12 @@ class StopSignals:
 
 
 def _limit(machines: Sequence[SignalledMachine]) -> float:
-    """Time in s after which a call of a driver of one of these hangs."""
+    """Return the time in s after which a call of a driver of these machines counts as hanging."""
     return max((each.limit for each in machines), default=0.0)
 
 
 def _tell_call(frame: FrameType | None, call: FrameType, limit: float) -> None:
-    """A call of a driver is in progress when a signal comes, and is not ended by it."""
+    """Report that a call of a driver is in progress and that this signal does not end the call."""
     what = f"a call of a driver is in progress{in_brackets(place_within(frame, call))}"
     say_without_waiting(printable(f"umo: {what}; if it has not ended in {limit:.2g} s, a signal ends it"))
 
@@ -277,8 +278,8 @@ def _at(place: str) -> str:
 
 
 def _at_return(frame: FrameType, call: Callable[[], NoReturn]) -> None:
-    """Call it as soon as the next line of this frame is to begin, or it returns. A debugger that traces this thread
-    traces no longer."""
+    """Call the function as soon as the next line of this frame begins or the frame returns. A debugger that traces this
+    thread stops tracing."""
 
     def trace(frame: FrameType, event: str, argument: Any) -> NoReturn:
         call()
@@ -288,7 +289,7 @@ def _at_return(frame: FrameType, call: Callable[[], NoReturn]) -> None:
 
 
 def _leave_and_exit(number: int, what: str, machines: Sequence[SignalledMachine]) -> NoReturn:
-    """Bring all outputs to their defaults in the midst of the user's code, say so, and end this process."""
+    """Bring all outputs to their defaults in the middle of the user's code, print this, and end this process."""
     left: list[str] = []
     for each in machines:
         try:

@@ -1,9 +1,9 @@
 """The journal of a period: transfers of single objects, in order, for an exact replay.
 
-The journal does not contain the transfers of the whole machine, because the raw integers of a frame show their values;
-it has the number of entries that precede these transfers. An entry keeps the raw integer that its object had before. So
-a reader can compute the values of all transfers from the raw integers of a frame, backwards over the entries. A failure
-always has an entry.
+The journal does not contain the transfers of the whole machine, because the raw integers of a frame show their values.
+It contains only the number of entries that precede such a transfer. An entry keeps the raw integer that its object had
+before. So a reader can compute the values of all transfers from the raw integers of a frame, backwards over the
+entries. A failure always has an entry.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ import numpy as np
 from umo.objects.scaling import FloatArray, IntArray
 
 ENTRY = struct.Struct("<IHHqqd")
-"""An entry: slot, kind, error, raw, before, time; 32 bytes."""
+"""An entry of 32 bytes: slot, kind, error, raw, before, time."""
 ENTRIES = np.dtype(
     [("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8"), ("time", "<f8")]
 )
 """An entry as a numpy type, for arrays of entries."""
 FEW = 16
-"""The number of entries below which it is quicker to handle them one by one."""
+"""The number of entries below which it is quicker to handle the entries one by one."""
 CAPACITY = 4096
 """Number of entries of one period that are kept, in addition to one for each object, because all objects may fail in
 one period."""
 OF_BLOCK = -inf
-"""The value in place of a time if the object has failed in the transfer of its block, not in a separate transfer."""
+"""The value in place of a time if the object has failed in the transfer of its block and not in a transfer of its
+own."""
 NO_TRANSFER = -1
 """The value in place of a count if the transfer of the whole machine did not take place in this period."""
 
@@ -136,7 +137,7 @@ class Journal:
         error: ErrorKind = ErrorKind.NONE,
         times: float | FloatArray = nan,
     ) -> None:
-        """Add an entry for each of these objects, like `add`."""
+        """Add an entry for each of these objects, as `add` does for one object."""
         count = min(len(slots), self.capacity - self.count)
         rows = np.zeros(count, ENTRIES)
         rows["slot"], rows["kind"], rows["error"] = slots[:count], kind, error

@@ -42,8 +42,8 @@ def machine_of(
 
 
 def taken_parts(root: Compound, wired: Wired) -> list[Capability]:
-    """Return the drivers that carry out parts of a machine by themselves, for attachment to the machine, whose objects
-    are not connected. Raises NotTranslated for a part that cannot be translated."""
+    """Return the drivers that carry out parts of a machine by themselves. They are to be attached to the machine; its
+    objects are not connected. Raises NotTranslated for a part that cannot be translated."""
     nodes = {node._path: node for node in walk(root)} if wired.controllers else {}
     drivers: list[Any] = []
     for path, name in wired.controllers.items():

@@ -1,6 +1,6 @@
-"""The loops of the laws of a machine, and the experiments of clients on them: actions that appear in no list. Such an
-action is found when it is requested. In the path of an action, such as `zones.3.experiment`, the loop may be named by
-its law (`heating.3`), its sensor or actuator, or a compound that contains no other loop.
+"""The loops of the laws of a machine, and the experiments of clients on these loops. The experiments are actions that
+appear in no list. Such an action is found when it is requested. In the path of an action, such as `zones.3.experiment`,
+the loop may be named by its law (`heating.3`), its sensor or actuator, or a compound that contains no other loop.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Loops:
         self._objects = {node._path: node for node in walk(root)}
         self._known = [loop for part, path, law in laws for loop in _loops_of(part, path, law)]
         self._around: dict[str, list[FoundLoop]] = {}
-        """The loops whose compound or end is at or below a path."""
+        """The loops whose compound, sensor or actuator is at or below a path."""
         for loop in self._known:
             for path in dict.fromkeys(each._path for node in (loop.part, *loop.ends) for each in outwards(node)):
                 self._around.setdefault(path, []).append(loop)
@@ -79,7 +79,7 @@ class Loops:
         return next(iter(found.values()))
 
     def _named(self, path: str) -> FoundLoop | None:
-        """The loop that has this path now."""
+        """Return the loop that has this path now, or None."""
         place, part = path, None
         while part is None:
             place = place.rpartition(".")[0]

@@ -21,9 +21,9 @@ class Lock(AsyncBlock):
 
     The sequence that asked first gets the lock first; a paused sequence (`task.paused`, as in a part that is held) is
     passed over and keeps its position in the queue. The lock is released when the block ends, even by an error or a
-    cancellation; the first waiting sequence then has it immediately. A sequence that is cancelled while it waits leaves
-    the queue. Raises TaskFailed, which names the circle, if the sequence can never get the lock because the holder
-    waits for this sequence, directly or through other locks and sequences.
+    cancellation; the first waiting sequence then gets the lock immediately. A sequence that is cancelled while it waits
+    leaves the queue. Raises TaskFailed, which names the circle, if the sequence can never get the lock, because the
+    holder of the lock waits for this sequence, directly or through other locks and sequences.
     """
 
     def __init__(self) -> None:
@@ -69,21 +69,21 @@ class Lock(AsyncBlock):
         self._pass_on()
 
     def _refuse(self, own: Task, owner: Task) -> None:
-        """Raise TaskFailed for a sequence that can never get it."""
+        """Raise TaskFailed for a sequence that can never get the lock."""
         if own.machine is not owner.machine:
             raise TaskFailed(f"{own.name} waits for a Lock that {owner.name} of another machine has")
         if (why := wait_graph.circle(own, owner, "{waiting} waits for a Lock that {target} has")) is not None:
             raise TaskFailed(why)
 
     def _leave(self, own: Task) -> None:
-        """A waiting sequence is cancelled; it may have got the lock already."""
+        """Handle the cancellation of a waiting sequence, which may have got the lock already."""
         if self._owner is own:
             self._pass_on()
         else:
             self._queue.remove(own)
 
     def _pass_on(self) -> None:
-        """To the first one that waits and is not paused."""
+        """Give the lock to the first sequence that waits and is not paused."""
         if self._owner is not None:
             self._owner.holds.remove(self)
         self._owner = next((each for each in self._queue if not _is_paused(each)), None)
@@ -94,5 +94,5 @@ class Lock(AsyncBlock):
 
 
 def _is_paused(task: Task) -> bool:
-    """True if the sequence, or one that runs it, is paused."""
+    """Return True if the sequence, or a sequence that runs it, is paused."""
     return any(each.paused for each in task.lineage)

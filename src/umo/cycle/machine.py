@@ -130,9 +130,9 @@ class ConnectedMachine:
         return next((each for each in self.attached if isinstance(each, kind)), None)
 
     def end(self, *, parts: bool = True) -> None:
-        """End the periods: from now on every driver is called again, and each call waits. An error of a capability is
-        reported and does not prevent a reset. `parts`: whether to call also the capabilities that are parts of the
-        machine, which are the user's code."""
+        """End the periods. From now on every call reaches its driver again and waits, even if a driver was away. An
+        error of a capability is reported and does not prevent a reset. `parts`: whether to call also the capabilities
+        that are parts of the machine, which are the user's code."""
         self.image.end()
         for each in self.attached:
             if parts or not isinstance(each, Compound):

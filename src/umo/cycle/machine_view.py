@@ -1,7 +1,7 @@
 """The machine as its compounds see it (`umo.objects.link.Machine`), through `m.cycle` and the calls of a part.
 
-All compounds share one view, whose clock is a plain attribute, because each `m.now` reads it. In a machine with parts
-of other rates, the compounds of one rate share a view (`part_periods.py`).
+All compounds share one view, whose clock is a plain attribute, because each `m.now` reads it. If parts of the machine
+have other rates, all compounds with the same rate share a view (`part_periods.py`).
 """
 
 from __future__ import annotations

@@ -33,24 +33,24 @@ from umo.text import CodePlace, is_own, printable, shown_place
 log = logging.getLogger("umo")
 Raising = TypeVar("Raising", bound=Callable[..., Any])
 _WARNING_FUNCTION = "_warn_unawaited_coroutine"
-"""The function of `warnings` that Python calls with each coroutine that nobody has awaited."""
+"""The function of `warnings` that Python calls with each coroutine that was never awaited."""
 
 
 def _codes(*names: str) -> frozenset[int]:
-    """Some instructions by their numbers; each version of Python has others."""
+    """Return the numbers of the instructions whose names begin like these. Each version of Python has other numbers."""
     return frozenset(number for name, number in opcode.opmap.items() if name.startswith(names))
 
 
 _DROPS = _codes("POP_TOP")
 """The instruction that drops the result of a statement."""
 _LEAVES = _codes("RETURN", "YIELD")
-"""Those by which code returns, or waits, without an error."""
+"""The instructions by which code returns, or waits, without an error."""
 _FORGETS = _codes("STORE", "DELETE")
 """Instructions that drop the old value of a name: a sequence, or an error with all values of its frames."""
 _HANDLES = _codes("POP_EXCEPT", "RERAISE")
 """Instructions that drop an error."""
 _CATCHES = _codes("PUSH_EXC_INFO")
-"""The one with which the handling of an error begins."""
+"""The instruction with which the handling of an error begins."""
 _EXPECTING: set[CodeType] = set()
 """The code of `expects_errors`."""
 _ADVANCING: set[CodeType] = set()
@@ -77,12 +77,13 @@ class _Watch:
         self._threads: list[int] = []
         """The thread of each connected machine."""
         self._depths: dict[int, int] = {}
-        """How far each of these threads tracked the origin of sequences before."""
+        """The depth to which each of these threads tracked the origins of sequences before."""
         self._former: Callable[[Any], object] = _pass_over
         self._collecting = False
-        """True if the garbage collector is at work: what it lets go has nothing to do with the code at that place."""
+        """True if the garbage collector is at work. A sequence that it drops has nothing to do with the code at that
+        place."""
         self.debugger: Any = None
-        """What has traced the thread before an error was raised."""
+        """The trace function of the thread before an error was raised, such as that of a debugger."""
 
     def begin(self, thread: int) -> None:
         if not self._threads:
@@ -131,7 +132,7 @@ _WATCH = _Watch()
 
 
 def _instruction(frame: FrameType) -> int:
-    """The number of the one that is carried out."""
+    """Return the number of the instruction that the frame carries out."""
     code, place = frame.f_code.co_code, frame.f_lasti
     while place > 0 and code[place] == 0:  # a cache behind the instruction
         place -= 2
@@ -139,8 +140,8 @@ def _instruction(frame: FrameType) -> int:
 
 
 def _was_forgotten(frame: FrameType, origin: CodePlace) -> bool:
-    """True if a sequence that this frame drops may have been forgotten, and was not ended by an error: such a sequence
-    may be dropped anywhere."""
+    """Return True if the sequence that this frame drops may have been forgotten. A sequence that is dropped because of
+    an error was not forgotten; it may be dropped anywhere."""
     instruction, code = _instruction(frame), frame.f_code
     if is_own(code.co_filename) and code not in _EXPECTING and code not in _ADVANCING:
         return instruction in _DROPS
@@ -150,8 +151,8 @@ def _was_forgotten(frame: FrameType, origin: CodePlace) -> bool:
 
 
 def _may_await(origin: CodePlace) -> bool:
-    """True if the function that has called it gives it a name, and awaits that somewhere: an error has kept it from
-    that, or it was not to be."""
+    """Return True if the function that has called the sequence gives it a name and awaits this name somewhere. Such a
+    sequence was not forgotten: an error, or the program itself, has skipped the `await`."""
     function = _function_at(origin)
     nodes = [] if function is None else list(ast.walk(function))
     named = (each.targets for each in nodes if isinstance(each, ast.Assign) and _has_line(each, origin.line))
@@ -173,8 +174,8 @@ def _function_at(place: CodePlace) -> ast.FunctionDef | ast.AsyncFunctionDef | N
 
 
 def _is_in_sequence(origin: CodePlace, frame: FrameType | None) -> bool:
-    """True if a sequence has called it; a comprehension belongs to the function around it. Without the source the frame
-    that drops it decides."""
+    """Return True if the dropped sequence was called by a sequence. A comprehension belongs to the function around it.
+    If the source cannot be read, the frame that drops the sequence decides."""
     if origin.function == "<lambda>":
         return False
     if (function := _function_at(origin)) is not None:
@@ -187,7 +188,7 @@ def _has_line(node: ast.stmt, line: int) -> bool:
 
 
 def _close_given(coroutine: Any) -> None:
-    """Close the sequences that were arguments of one that is not awaited: only that one is reported."""
+    """Close the sequences that were arguments of a sequence that is not awaited. Only the latter is reported."""
     for value in inspect.getcoroutinelocals(coroutine).values():
         for each in value if isinstance(value, tuple) else (value,):
             if inspect.iscoroutine(each) and inspect.getcoroutinestate(each) == inspect.CORO_CREATED:
@@ -213,8 +214,8 @@ def heard() -> Iterator[None]:
 
 
 def tell_kept(root: Compound) -> None:
-    """Report and close the sequences that were never awaited and that attributes of a machine still refer to at its
-    end, because nothing will drop them later."""
+    """Report and close the sequences that were never awaited and are still attributes of a machine at its end. They are
+    reported here because nothing will drop them later."""
     parts = [each for each in (root, *walk(root)) if isinstance(each, Compound)]
     values = [value for part in parts for value in vars(part).values()]
     for each in chain.from_iterable(value if isinstance(value, list | tuple) else (value,) for value in values):
@@ -225,7 +226,8 @@ def tell_kept(root: Compound) -> None:
 
 
 def _origin(coroutine: Any) -> CodePlace | None:
-    """Return where it was called, or None if this or the called function is not the user's or not known."""
+    """Return the place where the sequence was called. Return None if this place, or the called function, is unknown or
+    is not the user's."""
     code: CodeType | None = getattr(coroutine, "cr_code", None)
     places = getattr(coroutine, "cr_origin", None)
     if code is None or not places or (is_own(places[0][0]) and is_own(code.co_filename)):
@@ -234,7 +236,7 @@ def _origin(coroutine: Any) -> CodePlace | None:
 
 
 def _text(coroutine: Any, origin: CodePlace, frame: FrameType | None) -> str:
-    """The text of the report. `frame`: the one that drops it, if any."""
+    """Return the text of the report. `frame`: the frame that drops the sequence, if any."""
     name, code = coroutine.__name__, coroutine.cr_code
     if is_own(origin.file):  # umo has called what it takes for a plain function
         place = shown_place(CodePlace(code.co_filename, code.co_firstlineno, "<module>"))
@@ -245,22 +247,24 @@ def _text(coroutine: Any, origin: CodePlace, frame: FrameType | None) -> str:
 
 
 def _call_in(line: str, name: str) -> str:
-    """The call of the function in a line of the source; its name, if the call continues in the next line."""
+    """Return the call of the function in a line of the source. If the call continues in the next line, return the name
+    of the function."""
     found = (ast.get_source_segment(whole, call) for whole, call in calls_in(line.strip(), name))
     return next(filter(None, found), f"{name}(...)")
 
 
 class _Pending:
-    """An error that is raised when a frame continues. A debugger that traces this thread traces no longer."""
+    """An error that is raised when a frame continues. A debugger that traces this thread stops tracing."""
 
     def __init__(self, text: str, frame: FrameType, warn: Callable[[], object]) -> None:
         self._text, self._warn = text, warn
         self._handled = sys.exc_info()[1]
         self._is_certain = _instruction(frame) in _DROPS
-        """True if the sequence was let go in the normal course, not since an error has ended what had it."""
+        """True if the sequence was dropped by a normal statement. False if it may have been dropped because of an
+        error."""
 
     def wait_in(self, frame: FrameType) -> None:
-        """Until the next line of the frame, or its end."""
+        """Wait until the next line of the frame begins, or the frame ends."""
         frame.f_trace = self._look
         sys.settrace(self._at_call)
 
@@ -280,7 +284,7 @@ class _Pending:
         return None
 
     def _is_failing(self, frame: FrameType, event: str) -> bool:
-        """True if another error is in progress."""
+        """Return True if another error is in progress."""
         instruction = _instruction(frame)
         if event == "return":
             return instruction not in _LEAVES
@@ -289,7 +293,7 @@ class _Pending:
         return event == "exception" or instruction in _CATCHES or (is_new and not self._is_certain)
 
     def _go_out(self, frame: FrameType) -> None:
-        """To the code around that expects errors."""
+        """Wait in the innermost function around the frame that expects errors."""
         self._is_certain = True
         outer = frame.f_back
         while outer is not None and outer.f_code not in _EXPECTING and is_own(outer.f_code.co_filename):

@@ -1,10 +1,10 @@
 """The connection of a machine with its drivers off the cycle (`umo.drivers.off_cycle`).
 
-The values arrive independently of the period. Each has a stamp: the time at which its transfer began. Only the age
-counts: a value older than the driver's `max_age` is STALE; a value older than twice this time has failed, and
-`on_error` of its object decides the reaction. So one failed transfer of a slow device is not a failure, and an old
-value never looks fresh, whatever happens to the worker process. Outputs are posted in each period; `read` returns the
-value that the device has confirmed.
+The values arrive independently of the period. Each has a stamp: the time at which its transfer began. The state of a
+value depends only on its age. A value older than the driver's `max_age` is STALE. A value older than twice this time
+has failed; `on_error` of its object decides the reaction. So one failed transfer of a slow device is not a failure, and
+an old value never looks fresh, whatever happens to the worker process. Outputs are posted in each period; `read`
+returns the value that the device has confirmed.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ BAD_AGES = 2
 
 
 class WorkerLink:
-    """One driver off the cycle as the image uses it. The place of a channel is its number in the exchange."""
+    """One driver off the cycle, as the image uses it. The place of a channel is the index of the channel in the
+    exchange."""
 
     def __init__(self, image: Image, name: str, driver: OffCycle) -> None:
         self.driver = driver
@@ -70,7 +71,8 @@ class WorkerLink:
         """The asynchronous actuators with an order that is not carried out yet, each with the number of the last order
         and the time in s of the first pending order."""
         self.told_away = False
-        """True if the driver counts as away, or as not written, because no value has arrived for long."""
+        """True if the driver counts as away, or its outputs as not written, because no value has arrived for a long
+        time."""
         self.tells_end = False
         """True if the absence had an event, so that its end must have one, too."""
         self.told_again = False
@@ -89,7 +91,7 @@ class WorkerLink:
         if self.last.max() < since:
             return f"is away: {self.driver.cause(-1)}"
         if self.written.size and self.last[self.written].max() < since:
-            return f"takes no output: {self.driver.cause(int(self.written[0]))}"
+            return f"accepts no output: {self.driver.cause(int(self.written[0]))}"
         return ""
 
 
@@ -107,7 +109,7 @@ class OffCycleDrivers(Capability):
             else:
                 image.deliveries[slot] = ordered if image.deliveries[slot].at_once else posted
         self._beginning = False
-        """True if the worker has just initialised these objects."""
+        """True while the objects that a worker has initialised are taken over."""
         self._updated = False
         """True if the present values of the outputs were not posted yet."""
         self._faults = wired.injection
@@ -129,8 +131,8 @@ class OffCycleDrivers(Capability):
         return NO_TIME if self._faults.clock is None else self._machine_ns()
 
     def attach(self, machine: ConnectedMachine) -> None:
-        """Add the exchange with these drivers to the phase before the wait for the next tick, where it delays no
-        output."""
+        """Add the exchange with these drivers to the phase before the wait for the next tick. There the exchange delays
+        no output."""
         period = machine.phases
         timer = self._image.timer >= 0
         (period.before_tick if timer else period.receiving).append(self._exchange)
@@ -146,7 +148,7 @@ class OffCycleDrivers(Capability):
         self._exchange()
 
     def end(self) -> None:
-        """End, because the machine stops: from now on each call is made, and waits."""
+        """End, because the machine stops. From now on each call is made and waits for its device."""
         for link in self._links:
             link.driver.end()
 
@@ -158,7 +160,7 @@ class OffCycleDrivers(Capability):
     # A whole period ------------------------------------------------------------------------------------
 
     def _receive(self) -> None:
-        """Judge whether what has arrived is too old."""
+        """Check whether arrived values have become too old, and whether orders were carried out."""
         now = self._clock.now
         self._now_ns = self._ns()
         for link in self._links:
@@ -170,11 +172,11 @@ class OffCycleDrivers(Capability):
             self._image.sampled_good = None
 
     def _note_sent(self) -> None:
-        """The values of these outputs are posted before the next tick."""
+        """Record that the values of the outputs are to be posted before the next tick."""
         self._updated = True
 
     def _exchange(self) -> None:
-        """Post the wanted outputs, and read what has arrived."""
+        """Post the values of the outputs, and take over the values that have arrived."""
         now, updated, self._updated = self._clock.now, self._updated, False
         for link in self._links:
             driver = link.driver
@@ -191,7 +193,7 @@ class OffCycleDrivers(Capability):
                 self._take(link, now)
 
     def _post(self, link: WorkerLink, block: Block, now: float) -> None:
-        """A rate counts from what was confirmed."""
+        """Post the values of a block. Slew rates apply from the time of the last confirmed value."""
         confirmed = float(self._columns.times[block.slots].max())
         try:
             block.give(now, min(now - confirmed, link.driver.max_age))
@@ -202,7 +204,7 @@ class OffCycleDrivers(Capability):
     # What arrives --------------------------------------------------------------------------------------
 
     def _take(self, link: WorkerLink, now: float) -> None:
-        """A transfer of the worker's is complete: its values, with their times."""
+        """Take over the values of a complete transfer of the worker, with their times."""
         driver = link.driver
         link.arrived, link.rows = driver.exchange.arrivals.read()
         rows = driver.read_rows = link.rows
@@ -221,7 +223,7 @@ class OffCycleDrivers(Capability):
                 self._image.events.add(Event(now, link.path, "is back"), logged=True)
 
     def _date(self, link: WorkerLink, stamps: IntArray, now: float) -> bool:
-        """True if a value has come that was not there before."""
+        """Set the times of the arrived values. Return True if a new value has arrived."""
         new = np.flatnonzero(stamps != link.stamps)
         if not new.size:
             return False
@@ -254,13 +256,14 @@ class OffCycleDrivers(Capability):
         self._note(Kind.ARRIVED, block, raws, before, stamped)
 
     def _note(self, kind: Kind, block: Block, raws: IntArray, before: IntArray, times: FloatArray) -> None:
-        """Record arrived values with their times in the journal: a recording is replayed from these."""
+        """Record arrived values with their times in the journal. A replay of a recording uses these entries."""
         journal = self._image.transfer.journal
         if journal is not None:
             journal.add_rows(range(block.start, block.stop), kind, raws, before, times=times)
 
     def _confirm(self, link: WorkerLink, block: Block, rows: IntArray) -> None:
-        """The accepted values as they were written; for older ones, from their raw integers."""
+        """Set the values that the device has accepted. The value sent last is set as it was written; an older value is
+        computed from its raw integer."""
         columns, slots = self._columns, block.slots
         places = link.driver.places(block.channels)
         raws, times = rows[Row.RAW, places], link.times[places]
@@ -282,7 +285,7 @@ class OffCycleDrivers(Capability):
                 self._image.set_quality(slot, Quality.GOOD)
 
     def _begin_generation(self, link: WorkerLink) -> None:
-        """The outputs were initialised again, by the worker or by the one that has taken its place."""
+        """Handle a repeated initialisation of the objects, by the worker or by a worker that has taken its place."""
         self._image.transfer.note(next(iter(link.place)), Kind.RENEWED)
         link.awaited.clear()
         lost = [path for slot in link.place if (path := self._image.path_if_default_kept(slot))]
@@ -324,7 +327,7 @@ class OffCycleDrivers(Capability):
             self._image.set_quality(slot, Quality.STALE)
 
     def _too_old(self, link: WorkerLink, slots: Sequence[int]) -> None:
-        """Report once that a value is too old, which marks its sensor BAD."""
+        """Report once that values are too old. Their sensors are marked BAD."""
         items: Any = self._image.items
         bad = int(Quality.BAD)
         new = [slot for slot in slots if self._image.quality[slot] != bad or not getattr(items[slot], "_marks", False)]
@@ -383,7 +386,7 @@ class OffCycleDrivers(Capability):
             self._set_stale(slot)
 
     def confirms_later(self, slot: int) -> bool:
-        """Return True while the machine runs: then a write is accepted when the device has confirmed it."""
+        """Return True while the machine runs. A write is then accepted only when the device has confirmed it."""
         return self._remote_of[slot].driver.running and not self._beginning
 
     def order(self, slot: int) -> None:
@@ -398,7 +401,7 @@ class OffCycleDrivers(Capability):
 
 
 class Posted(WithPeriod):
-    """Delivery of an actuator whose value the period posts and the device confirms later."""
+    """Delivery of an actuator whose value is posted by the period and confirmed later by the device."""
 
     def __init__(self, drivers: OffCycleDrivers, image: Image) -> None:
         super().__init__(image)
@@ -409,14 +412,14 @@ class Posted(WithPeriod):
             super().accepted(slot)
 
     def goes_on(self, slot: int) -> None:
-        """Return True if the object may be initialised repeatedly although it accepts no other call. The pending value
-        of an actuator with "retry" is then not confirmed."""
+        """Record that the device has been initialised again and gets the pending value. An actuator with "retry" is
+        STALE until the device has confirmed the value."""
         if self._items[slot]._max_age is not None and not self._image.is_at_default(slot):
             self._image.set_quality(slot, Quality.STALE)
 
 
 class Ordered(AtOnce):
-    """Delivery of an actuator whose value a write orders and the device confirms later."""
+    """Delivery of an actuator whose value is ordered by a write and confirmed later by the device."""
 
     def __init__(self, drivers: OffCycleDrivers, image: Image) -> None:
         super().__init__(image)
@@ -433,14 +436,15 @@ class Ordered(AtOnce):
 
 
 def off_cycle_drivers(image: Image, wired: Wired) -> list[OffCycleDrivers]:
-    """Return a list with one capability for the drivers off the cycle of a machine; an empty list if there are no such
-    drivers."""
+    """Return a list with one capability for all drivers off the cycle of a machine, or an empty list if there are no
+    such drivers."""
     drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
     return [OffCycleDrivers(image, wired, drivers)] if drivers else []
 
 
 def _renewed(now: float, path: str, lost: Sequence[str], left_out: int) -> Event:
-    """A worker has initialised a driver again; `lost` are the actuators that stay at their defaults."""
+    """Return the event that a worker has initialised a driver again. `lost`: the paths of the actuators that stay at
+    their defaults."""
     stay = "is at its default" if len(lost) == 1 else "are at their defaults"
     text = "was initialised again" + (f"; {some(lost)} {stay}" if lost else "")
     return limited(now, path, text, left_out)

@@ -45,7 +45,7 @@ class OpenedDrivers:
         self._contain_absences()
 
     def _contain_absences(self) -> None:
-        """From now on no call waits for a device that does not answer."""
+        """From now on let no call wait for a device that does not answer."""
         image, machine = self._image, self._machine
         sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
         slots = in_order([*machine.claims.order, *sensors], [wire.driver for wire in image.wires])
@@ -62,9 +62,9 @@ class OpenedDrivers:
 
     @contextmanager
     def _patient(self) -> Iterator[None]:
-        """Longer timeouts of the hardware: a device that serves one connection at a time may need long to release the
-        last one, and nothing runs yet that would have to wait. Not for `open`, where a driver may hand its timeout to
-        the circuit for the whole run."""
+        """Return a context with longer timeouts of the hardware. A device that serves one connection at a time may need
+        a long time to release the last connection, and nothing runs yet that would have to wait. The context is not for
+        `open`, because there a driver may set its timeout in the circuit for the whole run."""
         drivers = [self._wired.drivers[name] for name in self._wired.hardware]
         timeouts = [driver.timeout for driver in drivers]
         for driver in drivers:
@@ -99,7 +99,7 @@ class OpenedDrivers:
         return left, [each._replace(cause=f"reset at a later attempt: {each.cause}") for each in late]
 
     def _reached(self, slots: list[int], failures: list[Failure]) -> set[str]:
-        """The paths of these actuators without those that failed."""
+        """Return the paths of these actuators without those that failed."""
         return {self._image.items[slot].path for slot in slots} - {failure.path for failure in failures}
 
     def _reset_once(self, slots: list[int]) -> list[Failure]:
@@ -118,7 +118,8 @@ class OpenedDrivers:
         return [self._image.transfer.failure(slot, cause) for slot in sorted(slots)]
 
     def reports(self) -> dict[str, Mapping[str, Any]]:
-        """Return the report of each driver. If a report fails, the reason takes its place; the run has not failed."""
+        """Return the report of each driver. If a report fails, the text of the error takes its place, and the run has
+        not failed."""
         found: dict[str, Mapping[str, Any]] = {}
         for name in self._opened:
             try:
@@ -134,7 +135,7 @@ class OpenedDrivers:
         return failed + self._of_each(reversed(self._opened), self._image.segments.close, "not closed")
 
     def _of_each(self, names: Iterable[str], call: Callable[[str], None], what: str) -> list[Failure]:
-        """Make one call per driver. An error of one, of any class, does not prevent the calls of the others."""
+        """Make one call per driver. An error of one call, of any class, does not prevent the other calls."""
         failures = []
         for name in names:
             try:
@@ -144,6 +145,6 @@ class OpenedDrivers:
         return failures
 
     def _stop_sequence(self) -> list[int]:
-        """The slots of the initialised actuators."""
+        """Return the slots of the initialised actuators, in stop order."""
         initialized = set(self._initialized)
         return [slot for slot in self._machine.claims.order if slot in initialized]

@@ -24,8 +24,8 @@ class First(NamedTuple):
 
 @adopting
 async def together(*sequences: Routine | link.Task) -> tuple[Any, ...]:
-    """Run sequences in parallel and return their results. The first error cancels the others and is raised. A task that
-    `cycle.start` returned may be among them, and is cancelled like the others."""
+    """Run sequences in parallel and return their results. The first error cancels the other sequences and is raised.
+    One of the sequences may be a task that `cycle.start` has returned; it is cancelled like the others."""
     own = await own_task("together()")
     tasks = [_task(each, own) for each in sequences]
     running, tick = tasks, None
@@ -46,9 +46,9 @@ async def first(*sequences: Routine | link.Task) -> First:
     """Run sequences in parallel until the first ends; the others are cancelled. Returns the index of the sequence that
     has ended, and its result: `number, result = await first(fill(), wait("5 s"))`.
 
-    If two sequences would end in the same period, the sequence given first counts, and the other one is cancelled
-    before its last step. The first error cancels the others and is raised, even one raised while the others are
-    cancelled. Raises TypeError without a sequence.
+    If two sequences would end in the same period, the one that comes first in the arguments is returned, and the other
+    one is cancelled before its last step. The first error cancels the other sequences and is raised. An error that
+    occurs while the others are cancelled is raised, too. Raises TypeError without a sequence.
     """
     if not sequences:
         raise TypeError("first() needs at least one sequence")
@@ -96,7 +96,7 @@ async def unless(condition: Callable[[], bool], sequence: Routine | link.Task) -
 
 
 def _never(stuck: Iterable[bool]) -> bool:
-    """The condition may come true whatever happens to the sequence."""
+    """Return False: the condition may become true whatever happens to the sequence."""
     return False
 
 
@@ -106,13 +106,13 @@ def _task(sequence: Routine | link.Task, own: Task) -> Task:
 
 @adopting
 async def _ended(task: Task) -> Any:
-    """A sequence that awaits a started one."""
+    """Await a started sequence, as a sequence of its own."""
     return await task
 
 
 def _cancel_after(failure: BaseException, tasks: list[Task]) -> None:
-    """Cancel the sequences after an error. Errors of their clean-ups are noted with it; after a mere cancellation the
-    first of them is raised."""
+    """Cancel the sequences after an error. The errors of their clean-ups are added to this error as notes. If the error
+    is only a cancellation, the first error of a clean-up is raised instead."""
     errors = cancel_all(tasks)
     if errors and isinstance(failure, Cancelled | GeneratorExit):
         raise with_notes(errors.pop(0), errors) from None

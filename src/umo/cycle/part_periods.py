@@ -17,7 +17,7 @@ from umo.objects import Compound, Node, walk
 
 
 class GroupView(MachineView):
-    """The machine as compounds of one rate see it. `period`: the period in s of their laws, which may act on a
+    """The machine as seen by the compounds with one rate. `period`: the period in s of their laws, which may act on a
     controller. Default: the period of the clock."""
 
     def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
@@ -63,7 +63,8 @@ class PartPeriods(Capability):
         return self._views[self._groups.of(part).number]
 
     def _read(self) -> bool:
-        """The sensors of parts are read even if nothing calls `update`."""
+        """Read the sensors of the whole machine's rate. If the last period had no `update`, also read those of the
+        parts."""
         blocks = self._image.inputs if self.sampled else self._groups.whole.inputs
         self.sampled = True
         return self._image.sample(blocks)
@@ -74,8 +75,8 @@ class PartPeriods(Capability):
         return bool(self._urgent or self._period.settling) or self._groups.any_due
 
     def _carry_out(self) -> bool:
-        """GROUPS and OWED. A part that does not accept its outputs does not stop the others; they are sent at once also
-        where those of the whole wait for the next tick."""
+        """Carry out GROUPS and OWED. If the outputs of one part are not accepted, the other parts still act. The
+        outputs of parts are sent at once, even if those of the whole machine wait for the next tick."""
         self.sampled = False
         settling = bool(self._period.settling)
         if not (settling or self._groups.any_due):
@@ -107,7 +108,7 @@ class PartPeriods(Capability):
         return self._send_urgent() and accepted
 
     def _control(self, part: PartGroup, in_turn: bool) -> None:
-        """Its sequences, in its own periods only, then its laws."""
+        """Advance the sequences of a part, if it is due, then call its laws."""
         began = monotonic_ns()
         try:
             if in_turn:
@@ -119,8 +120,8 @@ class PartPeriods(Capability):
             part.took(monotonic_ns() - began)
 
     def _send_urgent(self) -> bool:
-        """Send what does not wait for its part's period: defaults, and the values of an application from before its
-        suspension."""
+        """Send the values that do not wait for the period of their part: defaults, and the values that an application
+        wrote before it was suspended."""
         image, urgent = self._image, self._urgent
         if not urgent:
             return True

@@ -54,8 +54,8 @@ PHASES = (
         "cycle/off_cycle"),
     PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the machine; those of all rates, if nothing calls `update`",
         UNREAD, "cycle/image, readings"),
-    PeriodPhase(SAMPLE, "GUARD", "evaluate interlocks (a condition that raises holds) and expiries; send the "
-        "defaults that asynchronous actuators still need", LISTED, "cycle/guards, inhibition"),
+    PeriodPhase(SAMPLE, "GUARD", "evaluate interlocks (a condition that raises an error holds) and expiries; send "
+        "the defaults that asynchronous actuators still need", LISTED, "cycle/guards, inhibition"),
     PeriodPhase(CONTROL, "COMMANDS", "carry out commands of clients, then the laws that supervise sequences", CONTAINED,
         "operation/commands, operation/supervisors"),
     PeriodPhase(CONTROL, "SEQUENCES", "advance each sequence of the machine by one step", CONTAINED, "cycle/sequences"),
@@ -227,8 +227,8 @@ class Period:
             self._send = usual
 
     def _finish(self) -> None:
-        """SHOW: the outputs of the period were sent; make the events of the period. A period in which sending fails is
-        finished when the machine has been reset, or before the next one."""
+        """Carry out SHOW after the outputs of the period were sent. A period in which sending fails is finished when
+        the machine has been reset, or before the next period."""
         self.open = False
         for call in self.showing:
             call()
@@ -247,8 +247,8 @@ class LateOutputs:
         """True if outputs are waiting."""
 
     def note(self) -> bool:
-        """Note that a period has computed its outputs. If outputs already wait because there was no `sample`, send them
-        now."""
+        """Record that a period has computed its outputs. If outputs already wait because there was no `sample`, send
+        them now."""
         waiting, self._waiting = self._waiting, True
         return not waiting or self._send()
 
@@ -280,21 +280,21 @@ def preceded(calls: Sequence[Callable[[], object]], last: Callable[[], T]) -> Ca
 
 
 def begun(finish: Callable[[], object], look: Callable[[], object], sample: Callable[[], bool]) -> bool:
-    """Return the `sample` of a machine without a timer, which begins the period."""
+    """Carry out the `sample` of a machine without a timer: finish the last period, begin a new one, and sample."""
     finish()
     look()
     return sample()
 
 
 def then_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool:
-    """Return a function that evaluates the guards after a phase, even if sensors failed."""
+    """Carry out a phase, then evaluate the guards, even if sensors failed. Return the result of the phase."""
     good = or_guard(sample, evaluate)
     evaluate()
     return good
 
 
 def or_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool:
-    """Return a function that evaluates the guards if sensors failed."""
+    """Carry out a phase, and evaluate the guards if sensors failed. Return the result of the phase."""
     try:
         return sample()
     except DriverError as unread:
@@ -302,7 +302,7 @@ def or_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool
 
 
 def both(first: Callable[[], bool], second: Callable[[], bool]) -> bool:
-    """Return a function that carries out two phases and returns True if both are good."""
+    """Carry out two phases, the second one even if the first fails. Return True if both are good."""
     try:
         good = first()
     except DriverError as unsent:

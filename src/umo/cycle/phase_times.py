@@ -45,7 +45,8 @@ class PhaseTimes:
         self.names = ["timer", *tries, *inputs, CONTROL, *outputs, *slow]
         self._none = [0] * len(self.names)
         self.ns = list(self._none)
-        """The duration of each phase in ns. "control" is the time that drivers and parts did not use."""
+        """The duration of each phase in ns. "control" is the rest of the period's time, which was not spent in drivers
+        and parts."""
         first = 1 + len(tries)
         self._tries = {name: number for number, name in enumerate(tried, 1)}
         self._control = first + len(inputs)
@@ -67,7 +68,7 @@ class PhaseTimes:
             image.transfer.has_ticked = partial(self.ns.__setitem__, 0)
 
     def remove(self) -> None:
-        """Call the drivers without a watch again."""
+        """Stop measuring: call the drivers directly again."""
         for part in self._parts:
             part.took = lambda ns: None
         self._image.transfer.callees.watched = lambda block, transfer: transfer
@@ -84,20 +85,19 @@ class PhaseTimes:
         ns[self._control] = execution - sum(ns) + ns[0]
 
     def clear(self) -> None:
-        """Set all times to 0, so that a part that is not transferred in the next period has the time 0 in this
-        period."""
+        """Set all times to 0 before a period, so that a part that is not transferred in this period has the time 0."""
         self.ns[:] = self._none
         self._moved.clear()
 
     @property
     def wake(self) -> int:
-        """Time in ns from the tick to the timer's waking up; UNKNOWN if the timer has no time grid."""
+        """Return the time in ns from the tick until the timer woke up; UNKNOWN if the timer has no time grid."""
         ticker = getattr(self._timer, "ticker", None)
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
     def _watched(self, block: Block, transfer: BlockTransfer) -> BlockTransfer:
-        """A block's transfer, timed. The first one of a period notes its position in the journal, a repeated one
-        itself and each object that it has moved."""
+        """Return a function that makes and times a block's transfer. The first transfer of a period records its
+        position in the journal. A repeated transfer records itself, and each object that it has moved."""
         ns, whole, moved = self.ns, self._image.transfer, self._moved
         number, kind = self._places[block.start]
         reads = kind is Kind.READ
@@ -142,7 +142,7 @@ class PhaseTimes:
         return watched
 
     def _timed(self, tick: Callable[[Channel], int]) -> Callable[[Channel], int]:
-        """The timer's reading, timed."""
+        """Return a function that reads the timer and measures the time of the reading."""
         ns = self.ns
 
         def timed(channel: Channel) -> int:
@@ -156,7 +156,8 @@ class PhaseTimes:
 
 
 def _note_block(journal: Journal, block: Block, kind: Kind, raws: Any, failed: Collection[str]) -> None:
-    """Note what a block has moved, each object for itself; `failed` are the texts of the channels that did not."""
+    """Add a journal entry for each object that a block has moved. `failed`: the texts of the channels that were not
+    moved."""
     for slot, (channel, raw) in enumerate(zip(block.channels, block.view, strict=True), block.start):
         if channel.text not in failed:
             journal.add(slot, kind, raw, raws[slot])

@@ -15,10 +15,10 @@ from umo.cycle.sequences import Task
 from umo.text import place_among
 
 FEW = 16
-"""The number of sequences of one function for one object from which on there is an event. Each of them was started in
-another period."""
+"""The number of sequences of one function for one object at which there is an event. Only sequences that were started
+in different periods are counted."""
 MANY = 1000
-"""The number of sequences of one function, whatever its arguments, from which on there is an event."""
+"""The number of sequences of one function, whatever its arguments, at which there is an event."""
 
 
 class PilingUp:
@@ -31,8 +31,8 @@ class PilingUp:
         self._told: set[CodeType] = set()
 
     def look(self, task: Task, beside: Collection[Task]) -> str:
-        """Return the text of the event for a sequence that was just started; "" for none. `beside`: all sequences of
-        the same part."""
+        """Return the text of the event for a sequence that was just started, or "" if there is no event. `beside`: all
+        sequences of the same part."""
         if (code := code_of(task.sequence)) is None or code in self._told:
             return ""
         key = id(task.part), code
@@ -54,7 +54,7 @@ class PilingUp:
 
 
 def _stack() -> list[tuple[Any, int]]:
-    """The frames of the code that starts it, the outermost first."""
+    """Return the frames of the code that starts the sequence, the outermost first."""
     return list(walk_stack(sys._getframe(2)))[::-1]
 
 
@@ -63,7 +63,7 @@ def _periods(tasks: list[Task]) -> int:
 
 
 def _given(task: Task) -> list[Any]:
-    """The arguments that distinguish one call of a function from another: objects, integers, texts; not values that
-    were read."""
+    """Return the arguments that distinguish one call of a function from another: objects, integers and texts, but not
+    floats, which may be readings."""
     given = (each for each in given_to(task.sequence).values() if not isinstance(each, float))
     return [each if isinstance(each, int | str | Enum) else id(each) for each in given]

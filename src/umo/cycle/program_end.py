@@ -1,4 +1,5 @@
-"""The end of a program in which machines are still connected: their outputs go to their defaults first.
+"""The end of a program in which machines are still connected: before the program ends, the outputs of these machines
+are brought to their defaults.
 
 At the end of the program Python freezes the remaining threads, that is, daemon threads and threads that were not
 joined, wherever they are. Before this happens, a machine in such a thread is requested to stop, and disconnects in its
@@ -24,7 +25,7 @@ from umo.text import printable, some
 STOPPING_TIMEOUT = 10.0
 """Time in s within which a machine must begin to disconnect, in addition to the time limit of a call."""
 LEAVING_TIMEOUT = 60.0
-"""The time in s within which a machine must disconnect after it has begun to."""
+"""The time in s within which a machine must have disconnected after it has begun to disconnect."""
 LOOK_INTERVAL = 0.005
 """The time in s between two checks."""
 
@@ -54,7 +55,7 @@ def _wait_for(flag: StopFlag) -> None:
 
 
 def _leave(flag: StopFlag) -> None:
-    """Reset it from here; what its thread does afterwards reaches no device."""
+    """Reset a machine from this thread. Nothing that the machine's own thread does afterwards reaches a device."""
     left: Sequence[str]
     try:
         left = flag.leave_at_once()

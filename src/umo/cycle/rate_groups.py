@@ -30,12 +30,12 @@ class PartClock(Clock):
         self.group = group
         """The index of the part's group in `RateGroups.parts`."""
         self.in_c = array("d", (self.dt, self.ticks))
-        """`dt` and `ticks` in the form that laws in C read."""
+        """The values of `dt` and `ticks` in the form that laws in C read."""
         self.restart()
 
     @property
     def now(self) -> float:
-        """The machine's time, also between the part's periods."""
+        """The machine's time in s. It also advances between the part's periods."""
         return self._base.now
 
     @now.setter
@@ -94,7 +94,7 @@ class PartGroup(RateGroup):
         """The function that is called with the duration in ns of the group's control."""
 
     def schedule(self, number: int) -> int:
-        """Note that the group acts in this period, and compute when it is due next. Return the number of the group's
+        """Record that the group acts in this period, and compute when it is due next. Return the number of the group's
         periods since the last time."""
         ticks = max((number - self.due) // self.every + 1, 0)
         self.due += ticks * self.every

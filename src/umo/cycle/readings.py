@@ -34,7 +34,7 @@ class Elsewhere(Protocol):
         """Return the time in s of the reading that is being accepted."""
 
     def was_read(self, slot: int, failures: list[Failure]) -> None:
-        """Note that a reading with a separate time was accepted."""
+        """Record that a reading with a time of its own was accepted."""
 
 
 class ImageInputs(Slots):
@@ -63,7 +63,8 @@ class ImageInputs(Slots):
                 self._prepare(block)
 
     def _prepare(self, block: Block) -> None:
-        """An input block: a raw integer that the circuit reports as invalid gives a value that is out of bounds."""
+        """Prepare the conversion of an input block. A raw integer that marks an invalid reading gives a value that is
+        out of bounds."""
         hidden: dict[int, list[int]] = {}
         for slot, raws in self.invalid_raws.items():
             for raw in raws if block.start <= slot < block.stop else ():
@@ -111,7 +112,7 @@ class ImageInputs(Slots):
             self.set_quality(slot, Quality.STALE)
 
     def _is_inside(self, slot: int, value: float) -> bool:
-        """True if a sensor's value is GOOD."""
+        """Return True if a value of this sensor is within the bounds of GOOD values."""
         return self._low[slot] <= value <= self._high[slot]
 
     def _judge(self, slot: int, value: float) -> Quality:
@@ -138,24 +139,24 @@ class ImageInputs(Slots):
             self.fail_input(slot, cause, failures)
 
     def _invalid(self, slot: int) -> tuple[int, ...]:
-        """The raw integers that are not readings: those of the wiring, and the mark of a place that was not read where
-        it would lie within the range."""
+        """Return the raw integers that are not readings: those of the wiring, and UNREAD (the mark for a value that was
+        not read) if UNREAD would lie within the sensor's range."""
         unread = (UNREAD,) if self._is_inside(slot, self.value_of(slot, UNREAD)) else ()
         return (*self.wires[slot].invalid_raws, *unread)
 
     def _read_at(self, slot: int) -> float:
-        """The time in s of the reading that is being accepted."""
+        """Return the time in s of the reading that is being accepted."""
         elsewhere = self.elsewhere.get(slot)
         return self.clock.read() if elsewhere is None else elsewhere.read_at(slot)
 
     def velocity(self, slot: int) -> float:
-        """Return the velocity of a sensor, units per s. Raises BadInput while it is BAD."""
+        """Return the velocity of a sensor in units per s. Raises BadInput while it is BAD."""
         if self.quality[slot] == Quality.BAD:
             raise BadInput(self.items[slot].path, Quality.BAD)
         return self.conditioners[slot].velocity
 
     def _is_refused(self, slot: int, raw: int) -> bool:
-        """True if a raw integer is not a reading."""
+        """Return True if a raw integer is not a reading."""
         if (levels := self.items[slot]._raws) is not None:
             return raw not in levels
         return raw in self.invalid_raws.get(slot, ()) or raw == UNREAD
@@ -235,7 +236,8 @@ class ImageInputs(Slots):
             self._marked += [(slot, causes[slot]) for slot in due]
 
     def _log_marked(self) -> None:
-        """Log readings that were marked BAD together in one line: a thousand lines would take longer than a period."""
+        """Log all readings that were marked BAD in one line, because a thousand lines would take longer than a
+        period."""
         if self._marked:
             self.events.log(partial(_marked_text, self.transfer, self._marked))
             self._marked = []

@@ -1,10 +1,9 @@
 """Kept numbers: the values that a machine takes over from its last run, and the reason for each value that it does not
 take over.
 
-An entry is the plain data that `umo.process.kept_file` has: `value` (a number, true or false, the name of an Enum's
-member or of a named number, or None if there was no value), `unit` and `type`. Kept values are set after the wiring's
-parameters and before the first period. If a value is no longer valid, the number has its default, or the value of the
-wiring.
+An entry is plain data as in `umo.process.kept_file`: `value` (a number, true or false, the name of an Enum's member or
+of a named number, or None if there was no value), `unit` and `type`. Kept values are set after the wiring's parameters
+and before the first period. If a value is no longer valid, the number has its default, or the value of the wiring.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from umo.user_code import raise_as
 from umo.wiring.wired import Parameter, apply_parameters
 
 MAX_EXACT = 1 << 53
-"""The largest number up to which all whole numbers are exact in frames, which have floats."""
+"""The largest number up to which all whole numbers are exact in frames. Frames contain floats."""
 NAME = "name"
 """The type of a kept number with named values. These are kept by name, because the numbers of the names may have
 changed since."""
@@ -71,8 +70,9 @@ def restore(root: Compound, parameters: Sequence[Parameter], kept: Mapping[str, 
 
 
 def _fields(root: Compound, kept: Mapping[str, Any], refused: dict[str, str]) -> list[Parameter]:
-    """The kept values of fields, which are set before `setup` makes others of them. They are of their types; their
-    ranges may depend on one another, and on the wiring's parameters."""
+    """Return the kept values of fields. They are set before `setup`, which may compute other values from them. Each
+    value has the type of its field; the range is not checked here, because it may depend on other fields and on the
+    wiring's parameters."""
     fields = []
     for path, number in numbers_of(root).items():
         if path in kept and number.declared.kept and number.is_field:
@@ -86,8 +86,9 @@ def _fields(root: Compound, kept: Mapping[str, Any], refused: dict[str, str]) ->
 def _apply(
     root: Compound, parameters: Sequence[Parameter], fields: list[Parameter], undo: Undo, refused: dict[str, str]
 ) -> list[Parameter]:
-    """The parameters and the kept fields. If the machine does not accept these together, those that are within the
-    ranges of the declaration; else none. Returns those that were taken."""
+    """Set the parameters and the kept fields. If the machine does not accept them together, set only the kept fields
+    that are within the ranges of their declarations; if it does not accept these either, set none. Return the fields
+    that were set."""
     error = _attempt(root, parameters, fields, undo)
     if error is not None and (outside := _outside(fields)):
         refused |= outside
@@ -106,7 +107,7 @@ def _apply(
 def _attempt(
     root: Compound, parameters: Sequence[Parameter], fields: Sequence[Parameter], undo: Undo
 ) -> UmoError | None:
-    """Set them; or nothing, and why."""
+    """Set the parameters and the kept fields. If this fails, undo everything and return the error."""
     taken: list[Callable[[], object]] = []
     try:
         with raise_as(UmoError, "`setup` failed"):
@@ -133,7 +134,7 @@ def _outside(fields: Sequence[Parameter]) -> dict[str, str]:
 
 
 def _value_of(number: MachineNumber, entry: Mapping[str, Any]) -> Any:
-    """Return the value. Raises RangeError without one, or if it was kept in another unit."""
+    """Return the kept value. Raises RangeError if there is no value, or if it was kept in another unit."""
     if entry["value"] is None:
         raise RangeError("it had no value that can be kept")
     if entry["unit"] != number.declared.unit and not isinstance(number.kind, EnumMeta):
@@ -144,7 +145,7 @@ def _value_of(number: MachineNumber, entry: Mapping[str, Any]) -> Any:
 
 
 def _number_of(number: MachineNumber, name: str) -> int:
-    """Raise RangeError if no value has this name any more."""
+    """Return the value that has this name. Raises RangeError if no value has this name any more."""
     known = {each: value for value, each in number.declared.names.items()}
     if name not in known:
         raise RangeError(f"{name!r} is not one of {', '.join(known)}{did_you_mean(name, known)}")

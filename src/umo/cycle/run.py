@@ -40,11 +40,12 @@ def run(
 
     Without an application the machine's `control` runs until a signal. SIGINT (Ctrl-C), SIGTERM and SIGHUP end the run
     between two periods: `umo.errors.Interrupted`, a KeyboardInterrupt, is raised when the actuators have been reset.
-    Its `result` is the last one that `m.cycle.result` has reported. In a thread other than the main thread nothing is
-    raised and this result is returned, because only the main thread handles signals. Errors of the application, the
-    control code and the devices are raised after the actuators have been reset to their defaults. Each of the `options`
-    is passed to the application and to all drivers that have an option of this name, as for `umo run` and `umo.start`.
-    Raises OptionError if none has. `acknowledge` has the same meaning as in `connect`.
+    The `result` of this exception is the last result that `m.cycle.result` has reported. In a thread other than the
+    main thread nothing is raised and this result is returned, because only the main thread handles signals. Errors of
+    the application, the control code and the devices are raised after the actuators have been reset to their defaults.
+    Each of the `options` is passed to the application and to all drivers that have an option of this name, as for `umo
+    run` and `umo.start`. Raises OptionError if neither the application nor a driver has such an option. `acknowledge`
+    has the same meaning as in `connect`.
     """
     check_machine("run", machine)
     _timer_of(machine)
@@ -84,7 +85,7 @@ def result_of(returned: Any, connection: connect[Any]) -> Any:
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:
     """Run the loop of a connected machine. It ends when the application ends or a stop is requested; such a request
     ends the wait for a tick. The `options` are those of the application (options of drivers belong to `connect`).
-    Raises OptionError if it does not have one."""
+    Raises OptionError if the application does not have one of these options."""
     check_machine("drive", m)
     _check_application(application)
     shares = distribute_options(options, application=application, wiring={})
@@ -106,8 +107,8 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
 
 
 def _sequence_of(application: Application[C], m: C, options: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
-    """Raise DeclarationError for an application that takes no machine, or is a plain function: it has done all its work
-    already."""
+    """Return the sequence of the application. Raises DeclarationError for an application that takes no machine, or that
+    is a plain function, because such a function has already done all its work."""
     function = application.func if isinstance(application, partial) else application
     place = in_brackets(shown_place(definition(function)))
     if text := no_machine(function):
@@ -135,7 +136,7 @@ def _checked_observers(observers: Iterable[Observer]) -> list[Observer]:
 
 
 def _timer_of(machine: Compound) -> DigitalSensor:
-    """Raise DeclarationError if there is none."""
+    """Return the timer of the machine. Raises DeclarationError if there is none."""
     timer = children(machine).get("timer")
     if not isinstance(timer, DigitalSensor):
         raise DeclarationError(f"{type(machine).__name__} has no `timer`: umo.run needs a DigitalSensor with this name")

@@ -1,5 +1,5 @@
-"""The detection of the code that writes the actuators, without the extension in C. It works only in some periods
-(decision 105).
+"""The detection of the code that writes the actuators, for use without the extension in C. The writes are examined only
+in some periods (decision 105).
 
 In these periods every write passes the command stage, which reports it. In all other periods nothing is checked, which
 takes no time. An error that occurs in every period is found; an error that occurs once may be missed."""
@@ -45,7 +45,7 @@ class SampledWrites:
             (self._commands.watch if looks else self._commands.end_watch)(self._note)
 
     def _note(self, slot: int, value: float, source: str, taken: bool) -> None:
-        """Note a write before it is made."""
+        """Record a write before it is made."""
         if not taken or source != Source.PROGRAM.value:
             return
         turn, before = self._turn, self._image.pending[slot]

@@ -17,16 +17,16 @@ from umo.errors import FAILURES, DriverError, Failure, cause_of_failure, text_of
 from umo.wiring.wired import Wired
 
 SETTLE = 0.25
-"""Minimum time in s for a device to carry out pending requests."""
+"""The time in s that a device gets to carry out pending requests, at least."""
 MAX_SETTLE = 1.0
-"""The largest time in s for this, for a device with a long timeout."""
+"""The largest time in s that a device with a long timeout gets for this."""
 UNCONTROLLED_TIMEOUT = 3.0
 """Timeout in s of a driver's call while nothing is controlled: when connecting, and for the guardian's resets. A device
 that serves one connection at a time may need a long time to release the previous connection."""
 WAIT_SLICE = 0.05
 """The time in s between two heartbeats while waiting."""
 LATE_TIME = 0.5
-"""The time in s for which a driver that timed out is served last, in addition to twice its timeout."""
+"""The time in s for which a driver that has timed out is served last; twice the driver's timeout is added to it."""
 T = TypeVar("T")
 _JOURNAL_KINDS = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
 
@@ -74,7 +74,7 @@ class DriverSegments:
         return self._transfer.words_of(self.drivers[name])
 
     def failed_whole(self, name: str, what: str, error: BaseException) -> Failure:
-        """Note that a call for a whole driver has failed."""
+        """Record that a call for a whole driver has failed."""
         cause = error.__cause__ or error  # the driver is named already
         return Failure(f"driver {name}", "-", f"{what}: {text_of(cause)}", self._words(name))
 
@@ -93,10 +93,10 @@ class DriverSegments:
         begin: Callable[[int], object] = lambda slot: None,
         patient: bool = True,
     ) -> Iterator[tuple[int, Failure | None]]:
-        """Reset (or initialise) each slot in turn; a failure never stops the others. The slots of a driver that does
-        not answer in time are reset last, so that they do not delay other slots. If `patient` is False, these slots are
-        left out: the next attempt then opens one more connection, not one for each slot. `begin` is called with each
-        slot."""
+        """Reset (or initialise) each slot in turn. A failure never prevents the calls for the other slots. The slots of
+        a driver that does not answer in time are reset last, so that they do not delay other slots. If `patient` is
+        False, these slots are left out: the next attempt then opens one more connection, not one for each slot. `begin`
+        is called with each slot."""
         wires, defaults = self._transfer.wires, self._transfer.defaults
         if not patient:
             self._transfer.late.clear()

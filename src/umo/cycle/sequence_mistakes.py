@@ -98,7 +98,7 @@ def check_condition(function: str, condition: object) -> None:
 def _compared(function: str, item: Atomic, source: str) -> str:
     if (states := item._states) is not None:
         return f"write `{function}(lambda: {source}.read() is {shown(getattr(item, 'one', next(iter(states))))})`"
-    return f"write such as `{function}(lambda: {source}.read() > 5.0)`"
+    return f"write, for example, `{function}(lambda: {source}.read() > 5.0)`"
 
 
 def _instead(function: str, given: object, source: str) -> str:
@@ -112,11 +112,11 @@ def _instead(function: str, given: object, source: str) -> str:
         return f"`{name}` is an object: {_compared(function, given, name)}"
     if isinstance(given, TwoState):
         compared = f"{name} is {shown(given)}"
-        return f"`{name}` was read once, before, and gave {given}: write `{function}(lambda: {compared})`"
+        return f"`{name}` was read only once, before the call, and gave {given}: write `{function}(lambda: {compared})`"
     if source and not isinstance(given, type):
-        once = f"`{source}` was evaluated once, before, and gave {cut_repr(given)}"
+        once = f"`{source}` was evaluated only once, before the call, and gave {cut_repr(given)}"
         return f"{once}: write `{function}(lambda: {source})`"
-    return f"{cut_repr(given)} is none: write `{function}(lambda: ...)`"
+    return f"{cut_repr(given)} is not a function: write `{function}(lambda: ...)`"
 
 
 def _first_argument(function: str, frame: FrameType | None) -> str:

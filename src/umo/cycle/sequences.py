@@ -50,7 +50,7 @@ class Containing(Protocol):
 
 
 class _Uncontained:
-    """Contains no failure."""
+    """Containment for sequences without a machine: it contains no failure."""
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
         return False
@@ -80,9 +80,10 @@ class _Request:
 
 _PERIOD = _Request("a wait for the next period")
 _WHO = _Request("a question for the task")
-"""A request that is answered at once, with the `Task` that is advanced."""
+"""A request that is answered at once with the `Task` that is being advanced."""
 _ADOPTING: set[CodeType] = set()
-"""The code of the functions that have a started sequence as a part of theirs: it is cancelled with them."""
+"""The code of the `async def` functions to whose sequences a started sequence belongs. The started sequence is
+cancelled together with such a sequence."""
 
 
 def adopting(function: Adopting) -> Adopting:
@@ -98,8 +99,8 @@ def _who() -> Generator[object, Any, Task | None]:
 
 
 async def own_task(what: str) -> Task:
-    """Return the innermost task that advances the sequence that calls this. Raises TaskFailed if none does; `what`
-    names the function that needs it."""
+    """Return the innermost task that advances the calling sequence. Raises TaskFailed if there is no such task. `what`
+    is the name of the function that needs the task, for the message."""
     found = await _who()
     if found is None:
         raise TaskFailed(f"{what} can be used only in a sequence that the cycle advances")
@@ -143,7 +144,8 @@ async def until(condition: Callable[[], bool], timeout: str | float | None = Non
 def _pass(
     limit: float, condition: Callable[[], bool] | None = None, stays: float = 0.0
 ) -> Generator[object, Clock, bool]:
-    """Let periods pass until the condition has stayed true (True) or the limit in s is over (False)."""
+    """Let periods pass. Return True when the condition has stayed true for the time `stays`, or False when the limit in
+    s is over."""
     if condition is not None and limit == math.inf and not stays:  # no time is to be counted
         while not condition():
             yield _PERIOD
@@ -172,7 +174,8 @@ def _whole_periods(limit: float, period: float) -> float:
 
 
 def _described(condition: Callable[[], bool]) -> str:
-    """A condition, for a message: its name and place, of a lambda the line of the source."""
+    """Return a condition as text for a message: its name and place. For a lambda, its source line takes the place of
+    the name."""
     code = getattr(condition, "__code__", None)
     if code is None:
         return repr(condition)
@@ -201,8 +204,8 @@ class timeout(AsyncBlock):
             await gripper.open()
 
     Raises TimeExpired if the block has not ended after this time, in s or as a string. Everything that the block awaits
-    is then cancelled, even a started sequence. A block that ends in the period of its limit is in time. Missed periods
-    count.
+    is then cancelled, even a started sequence. A block that ends in the very period in which the time is over is in
+    time. Missed periods count.
     """
 
     def __init__(self, duration: str | float) -> None:
@@ -212,7 +215,7 @@ class timeout(AsyncBlock):
         self._task: Task | None = None
         self._passed = 0.0
         self._expiry: Cancelled | None = None
-        """The error with which the block was cancelled when the time was over."""
+        """The error with which the block was cancelled because the time was over."""
 
     async def __aenter__(self) -> timeout:
         task = await own_task("timeout()")
@@ -267,7 +270,7 @@ class Task(Waiter):
         self.number = 0
         """The index of a started sequence in the order of starting."""
         self.started_in = 0
-        """The number of the period in which it was started."""
+        """The number of the period in which the task was started."""
         self._contain, self._end_within = contain, end_within
         self._current: Turn | None = current if parent is None else parent._current
         self._begun = False
@@ -288,8 +291,8 @@ class Task(Waiter):
 
     def __await__(self) -> Generator[object, Any, Any]:
         """Wait in another sequence for the end of the task. Return the result of the task. Raises TaskFailed if the
-        task failed or was cancelled, or if it waits for the awaiting sequence. If the awaiting sequence is cancelled,
-        the task is cancelled too (as in asyncio)."""
+        task failed or was cancelled, or if the task itself waits for the awaiting sequence. If the awaiting sequence is
+        cancelled, the task is cancelled too (as in asyncio)."""
         awaiting = yield from own_task(f"await {self.name}").__await__()
         if not self.done:
             self._refuse(awaiting)
@@ -416,7 +419,7 @@ class Task(Waiter):
                 current.task = before
 
     def _awaits_after(self, end: type[BaseException]) -> bool:
-        """Raise this in the sequence. Returns whether it still awaits something."""
+        """Raise this exception in the sequence. Return True if the sequence still awaits something."""
         try:
             awaited = self.sequence.throw(end())
             while awaited is _WHO:
@@ -465,7 +468,8 @@ class Task(Waiter):
 
     @property
     def _places_among_parts(self) -> list[int]:
-        """Its place among those that run in parallel, from 1; then that of the one around it, and so on."""
+        """The index of the task among the tasks that run in parallel with it, from 1; then the index of the task around
+        it, and so on outwards."""
         pairs = zip(self.lineage, self.lineage[1:], strict=False)
         found = [(each, around.waits_for) for each, around in pairs]
         return [
@@ -476,8 +480,8 @@ class Task(Waiter):
 
 
 def _dropped(sequence: Any) -> bool:
-    """Close a sequence that never began. Return True if it is one. Its arguments do not begin either, and a started
-    sequence that is a part of it is cancelled."""
+    """Close a sequence that has not begun, and return True; return False for any other sequence. Sequences among its
+    arguments do not begin either, and a started sequence that belongs to it is cancelled."""
     if not is_new(sequence):
         return False
     errors = [error for task in reversed(_close(sequence)) if (error := error_of(task.cancel)) is not None]
@@ -487,8 +491,8 @@ def _dropped(sequence: Any) -> bool:
 
 
 def _close(sequence: Any) -> list[Task]:
-    """Close a sequence that never began, and those among its arguments: Python warns of each that is not awaited.
-    Return the started sequences that are parts of them."""
+    """Close a sequence that has not begun, and the sequences among its arguments, because Python warns of each sequence
+    that is not awaited. Return the started sequences that belong to the closed ones."""
     values = inspect.getcoroutinelocals(sequence)
     arguments = [values[name] for name in sequence.cr_code.co_varnames if name in values]
     adopts = sequence.cr_code in _ADOPTING
@@ -504,7 +508,7 @@ def _close(sequence: Any) -> list[Task]:
 
 
 def cancel_all(tasks: list[Task]) -> list[BaseException]:
-    """Cancel all tasks, the last started first. An error in the `finally` blocks of one does not prevent the
+    """Cancel all tasks, the last started first. An error in the `finally` blocks of one task does not prevent the
     cancellation of the others."""
     return [error for task in reversed(tasks) if (error := error_of(task.end)) is not None]
 
@@ -528,7 +532,8 @@ def with_notes(error: BaseException, others: list[BaseException]) -> BaseExcepti
 
 
 def _is_settled(task: Task) -> bool:
-    """True if nothing is to come of a sequence that has ended. Its error is raised if it is untold."""
+    """Return True if an ended sequence can be removed, because no other sequence still takes its error. Raises its
+    error if nothing else would report it."""
     if task.error is not None and task.is_untold:
         raise task.error
     return task.error is None or not task.awaited_by
@@ -544,7 +549,7 @@ class Sequences:
         self.current = current or make_turn()
         """The task that now takes a step in the machine."""
         self._tasks: dict[Task, None] = {}
-        """The tasks in the order started."""
+        """The tasks in the order of starting."""
         self._tasks_of: dict[int, dict[Task, None]] = {}
         """The tasks of each object, by the id of the object."""
         self._number = 0
@@ -650,7 +655,7 @@ class Sequences:
 
     def cancel(self) -> None:
         """Cancel each sequence because the machine stops, the last started first. Then raise the first error of their
-        cleanup, with the other errors as notes."""
+        `finally` blocks, with the other errors as notes."""
         errors: list[BaseException] = []
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks, self._tasks_of = list(self._tasks), {}, {}

@@ -75,7 +75,8 @@ def show(frame: Frame, observers: list[Callable[[Any], object]]) -> None:
 
 
 def _as_sequence(result: object) -> Raised | None:
-    """The mistake of an observer that is a sequence, by what its call has given."""
+    """Return the error of an observer that is a sequence, which is recognised by the result of its call; otherwise
+    None."""
     if not iscoroutine(result):
         return None
     result.close()

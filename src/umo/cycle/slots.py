@@ -34,7 +34,8 @@ class Slots:
         and alarms."""
         self.clock = clock
         self.events = Events()
-        """The events of the machine: noted in a period, and completed when its outputs were sent."""
+        """The events of the machine. They are noted in a period, and formatted after the outputs of the period were
+        sent."""
         parts = _part_numbers(wired)
         self.wires = sorted(wired.wires, key=_group_order(wired.wires, parts))
         self.items = [wire.item for wire in self.wires]
@@ -118,8 +119,9 @@ class Slots:
 
 
 def _part_numbers(wired: Wired) -> Mapping[int, int]:
-    """The number of the part to which each object belongs, by the object's id, of those that belong to one. A driver
-    off the cycle has its own times."""
+    """Return the number of the part with its own rate to which each object belongs, by the object's id, for the objects
+    that belong to such a part. Objects of drivers off the cycle are left out, because such a driver has its own
+    times."""
     if not wired.rates:
         return {}
     on_cycle = (wire.item for wire in wired.wires if not isinstance(wire.driver, OffCycle))
@@ -127,7 +129,8 @@ def _part_numbers(wired: Wired) -> Mapping[int, int]:
 
 
 def _group_order(wires: Sequence[Wire], parts: Mapping[int, int]) -> Any:
-    """Sampled inputs, updated outputs, asynchronous; within each by driver, then by part, then as declared."""
+    """Return the sort key of the slot order: sampled inputs, updated outputs, asynchronous objects; within each group
+    by driver, then by part, then in the order of declaration."""
     drivers: dict[int, int] = {}
     for wire in wires:
         drivers.setdefault(id(wire.driver), len(drivers))

@@ -11,12 +11,12 @@ from umo.errors import ChannelsFailed, DeviceTimeout, text_of
 
 
 class NotCalled(DeviceTimeout):
-    """The driver is away: the call was not made."""
+    """The error of a call that was not made, because the driver is away."""
 
 
 class NobodyAway:
-    """The object in use if no driver is away, or if this is not checked: every call is made, and waits. `DriversAway`
-    replaces this object while a machine runs."""
+    """The object in use if no driver is away, or if absences are not checked: every call is made, and waits for the
+    device. `DriversAway` replaces this object while a machine runs."""
 
     tried: Callable[[str, int], object] = staticmethod(lambda name, ns: None)
     """The function that is called with the name of a driver and the time in ns that a look or an attempt has taken."""
@@ -30,7 +30,7 @@ class NobodyAway:
         return False
 
     def failed(self, driver: Driver[Any], error: BaseException, timed_out: bool, write: bool) -> None:
-        """Note the error of a call that failed for the whole driver, or that timed out."""
+        """Record the error of a call that failed for the whole driver, or that timed out."""
 
     def end(self) -> None:
         """Call every driver again, even if it does not answer, because the machine stops."""
@@ -53,8 +53,8 @@ class Away:
 
 class Tried:
     """The stand-in for a driver that was found. It reports the first call that succeeds, and the time in ns of each
-    call for one object. Calls for blocks are measured with the period's transfers. `now` is the clock in s by which a
-    call has taken too long."""
+    call for one object. Calls for blocks are measured with the period's transfers. `now` returns the time in s, by
+    which a call is judged to have taken too long."""
 
     def __init__(
         self,

@@ -37,9 +37,9 @@ class StopFlag:
         self.title = "a machine"
         """The name of the machine in messages."""
         self.pid = 0
-        """The process in which the machine is connected."""
+        """The id of the process in which the machine is connected."""
         self.thread: threading.Thread = threading.main_thread()
-        """The thread in which it is connected."""
+        """The thread in which the machine is connected."""
         self.is_leaving = False
         """True if the machine's actuators are being reset at its end."""
         self.time_over = False
@@ -82,7 +82,8 @@ class StopFlag:
 
     def is_first_signal(self) -> bool:
         """Return True if this is the first signal of the operating system; the result is therefore True only once. The
-        function works in one step, because a signal may interrupt the handler of another one."""
+        check is a single step that a signal cannot divide, because a signal may interrupt the handler of another
+        signal."""
         return self._to_come.pop("first signal", False)
 
     def request(self, number: int | None = None) -> None:

@@ -34,7 +34,7 @@ class Taken(link.Claims, Protocol):
     """The claims of the machine (`umo.cycle.claim_table`)."""
 
     def end_client(self, slot: int) -> None:
-        """Note that the actuator is at its default: a client that had taken it no longer has it."""
+        """Record that the actuator is at its default. A client that had taken the actuator no longer has it."""
 
 
 class Gate(Protocol):
@@ -45,10 +45,11 @@ class Gate(Protocol):
         "stop" inhibits it."""
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        """Handle many writes in one call. Return an answer for each. If it raises Interlocked, none was accepted."""
+        """Handle many writes in one call. Return one answer for each write. If the function raises Interlocked, no
+        write was accepted."""
 
     def rest(self, slot: int) -> None:
-        """Note that the actuator is being brought to its default, so that earlier writes no longer count."""
+        """Record that the actuator is being brought to its default, so that earlier writes are void."""
 
 
 class ImageDefaults(ImageInputs, ImageOutputs):
@@ -59,8 +60,8 @@ class ImageDefaults(ImageInputs, ImageOutputs):
 
     def settle(self, slots: Iterable[int], way: ToDefault) -> dict[int, Failure]:
         """Bring actuators to their defaults. This function is the only way to do so. Before the first one is written,
-        all earlier writes are void, and all defaults are pending. The sensors among them are reset or initialised by
-        their driver. Return the failures by slot; a failure never stops the others."""
+        all earlier writes are void, and all defaults are pending. Sensors among the slots are reset or initialised by
+        their driver. Return the failures by slot. A failure never prevents the calls for the other slots."""
         return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
 
     def settling(self, slots: Iterable[int], way: ToDefault) -> Iterator[tuple[int, Failure | None]]:
@@ -117,15 +118,16 @@ class ImageDefaults(ImageInputs, ImageOutputs):
         return item.path if stays else ""
 
     def initialize_again(self, slot: int) -> Failure | None:
-        """Note that a device that was away is at its default. `update` continues from there to the pending value. The
-        value of an asynchronous actuator with on_error="retry" is sent again; any other asynchronous actuator stays at
-        its default. An incremental sensor becomes unreferenced."""
+        """Initialise an object whose device was away, and return the failure. The object is then at its default;
+        `update` continues from there to the pending value. The value of an asynchronous actuator with on_error="retry"
+        is sent again; any other asynchronous actuator stays at its default. An incremental sensor becomes
+        unreferenced."""
         if (failure := self.segments.initialize(slot)) is None:
             self.was_initialized_again(slot)
         return failure
 
     def was_initialized_again(self, slot: int) -> None:
-        """Note that the driver has initialised the object again."""
+        """Record that the driver has initialised the object again."""
         item = self.items[slot]
         if isinstance(item, Actuator):
             if self.deliveries[slot].survives(slot):
@@ -140,7 +142,7 @@ class ImageDefaults(ImageInputs, ImageOutputs):
             self.set_referenced(slot, False)
 
     def _goes_on_from_default(self, slot: int) -> None:
-        """Note that the device has its default, and that the pending value stays."""
+        """Record that the device is at its default, and keep the pending value."""
         self._give_default(slot)
         self.does_not_wait(slot)
         self.accepted(slot)

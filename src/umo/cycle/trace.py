@@ -19,9 +19,9 @@ from umo.objects.presentation.described import column_heading
 MAX_ROWS = 100_000
 """Largest number of rows of a trace."""
 MAX_BYTES = 32_000_000
-"""Largest size of a trace, with the copy that is made while it grows or is thinned."""
+"""The largest size of a trace in bytes, including the copy that is made while the trace grows or is thinned."""
 MAX_NOTES = 4096
-"""The largest number of texts of the progress that are kept. If there are more, every second one is dropped."""
+"""The largest number of texts of the progress that are kept. If there are more texts, every second one is dropped."""
 HALVINGS = 6
 """Number of times that the memory of a trace is doubled; it begins with a 64th of its rows."""
 
@@ -63,7 +63,7 @@ class Trace:
         self.items: list[Atomic] = []
         self.signals: Sequence[Signal] = ()
         self.stride = 1
-        """The number of periods of which one row was kept."""
+        """The number of periods for which one row is kept."""
         self.notes: list[tuple[float, str]] = []
         """The texts of the progress, each with the time in s at which it began."""
 
@@ -97,7 +97,7 @@ class Trace:
         return self._rows
 
     def _grow(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Move the rows to a part of the capacity that is at least twice as much."""
+        """Move the rows to memory of at least twice the size, within the capacity."""
         halvings = HALVINGS
         while self._capacity >> halvings <= len(rows):
             halvings -= 1
@@ -116,7 +116,7 @@ class Trace:
 
     @property
     def full(self) -> bool:
-        """True if the next row would cause every second one to be dropped."""
+        """True if every second row would be dropped to add the next one."""
         return self._used == self._capacity
 
     def clear(self) -> None:

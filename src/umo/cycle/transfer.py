@@ -1,8 +1,8 @@
 """The transfer stage: every call of a driver is made here, for the image and for the guardian.
 
-This stage has everything that a call needs: the journal, the mapping of exceptions to the objects concerned, and the
-list of drivers that do not answer. `callees.py` has the receivers of calls, `segments.py` the calls outside of a
-period.
+This stage contains everything that a call needs: the journal, the mapping of exceptions to the objects concerned, and
+the list of drivers that do not answer. `callees.py` contains the receivers of calls, `segments.py` the calls outside of
+a period.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Transfer:
         self.now: Callable[[], float] = monotonic
         """The clock in s that determines whether a call has taken too long."""
         self.tick: Callable[[Channel], int]
-        """The read of the timer."""
+        """The function that reads the timer."""
         self.has_ticked: Callable[[int], object] | None = None
         """The function that is called with the duration in ns of a reading that was not made by `tick`."""
         self.defaults = [wire.default for wire in wires]
@@ -164,7 +164,7 @@ class Transfer:
     def mark(
         self, driver: Driver[Any], error: BaseException, write: bool, took: float = 0.0, whole: bool = False
     ) -> None:
-        """Note a failed call, for the `whole` driver or for one object."""
+        """Record a failed call, for the `whole` driver or for one object."""
         if isinstance(error, NotCalled):
             return
         timed_out = isinstance(error, TimeoutError) or took >= driver.timeout
@@ -183,8 +183,9 @@ class Transfer:
         written: Sequence[int] | None,
         time: float = nan,
     ) -> list[tuple[int, str]]:
-        """The slots of a block that failed, with the cause: all of them, or those that the driver names. `written` are
-        the raw integers that were to be written, or None if it was read. `time` is for the journal."""
+        """Return the failed slots of a block, each with its cause: all slots, or those that the driver names.
+        `written`: the raw integers that were to be written, or None if the block was read. `time` is for the
+        journal."""
         self.mark(driver, error, written is not None, whole=not isinstance(error, ChannelsFailed))
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         known = self._known if causes else ()
@@ -210,7 +211,7 @@ class Transfer:
         return Failure(path, channel, cause, driver)
 
     def moved(self, slot: int, raw: int, kind: Kind) -> None:
-        """Note that an object has this raw integer at the hardware."""
+        """Record that an object has this raw integer at the hardware."""
         if self.journal is not None:
             self.journal.add(slot, kind, raw, self.raws[slot])
         self.raws[slot] = raw

@@ -1,6 +1,6 @@
-"""The detection of two writers of one actuator that have both not released it. It is reported by one event
-(docs/decisions/0082). The code is called only when the writer of an actuator changes: with the extension in C at any
-write (`writes.py`), without it only in some periods (`sampled_writes.py`).
+"""The detection of two writers that write one actuator although the first one has not released it. One event reports
+this (docs/decisions/0082). The code is called only when the writer of an actuator changes: with the extension in C at
+any write (`writes.py`), without it only in some periods (`sampled_writes.py`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LOOP = _Loop()
 
 
 class WriterSeen(NamedTuple):
-    """The writer of an actuator, and the time since when it writes."""
+    """The writer of an actuator, and the period since which it writes."""
 
     turn: object
     """The task that was advanced at the first write, in the form that `ImageWrites` compares."""
@@ -47,7 +47,7 @@ class WriterSeen(NamedTuple):
     place: CodePlace | None
     """The place in the code at which the writer first wrote the actuator."""
     number: int
-    """The number of the period."""
+    """The number of the period of this write."""
     at_default: bool = False
     """True if the first value was the default."""
     taken_from: WriterSeen | None = None
@@ -99,7 +99,7 @@ class TwoWriters:
         self.writes: ImageWrites | None = make_writes(*views, turn, image.command, self.changed)
 
     def changed(self, slots: Sequence[int], before: Sequence[float], values: Sequence[float]) -> None:
-        """Note that a writer other than the previous one is about to write other values to these actuators."""
+        """Record that a writer other than the previous one is about to write other values to these actuators."""
         if self._number != self._image.clock.number:
             self._number = self._image.clock.number
             self._looked_at.clear()
@@ -127,15 +127,15 @@ class TwoWriters:
         return new._replace(at_default=bool(value == default), taken_from=taken_from)
 
     def _bits(self, slot: int) -> int:
-        """Return when it was written last, as in the column `written`. An asynchronous actuator is sent as it is
-        written."""
+        """Return when the actuator was written last, as the bits of the column `written`. For an asynchronous actuator
+        the time of sending decides, because each write is sent at once."""
         if not self._image.deliveries[slot].at_once:
             return int(self._written[slot])
         clock, time = self._image.clock, self._image.times[slot]
         return NOW if time >= clock.now else LAST if time >= clock.now - 1.5 * clock.dt else 0
 
     def _writer(self) -> WriterSeen:
-        """The one whose turn it is."""
+        """Return the writer that is now being carried out."""
         task, law = self._turn.task, self._turn.law
         place, is_called = _where()
         who: Any = None if is_called else LOOP
@@ -174,7 +174,7 @@ def _advice(former: WriterSeen, new: WriterSeen) -> str:
 
 
 def _are_two(former: WriterSeen, new: WriterSeen, holds: bool, written: int) -> bool:
-    """True if both write it: in one period, or in turns."""
+    """Return True if both write the actuator, in one period or in turns."""
     if holds and written & NOW:
         return True
     is_back = former.taken_from is not None and former.taken_from.who is new.who
@@ -182,7 +182,7 @@ def _are_two(former: WriterSeen, new: WriterSeen, holds: bool, written: int) -> 
 
 
 def _holds(former: WriterSeen, new: WriterSeen, written: int) -> bool:
-    """True if the earlier writer has not released what it drives."""
+    """Return True if the earlier writer has not released the actuator."""
     who = former.who
     if who is None or new.who is None:
         return False
@@ -194,14 +194,14 @@ def _holds(former: WriterSeen, new: WriterSeen, written: int) -> bool:
 
 
 def _is_agreed(former: Task, new: Task) -> bool:
-    """True if one sequence waits for the other one, or that one has a lock that both use."""
+    """Return True if the first sequence waits for the second, or the second has a lock that both use."""
     locks = [lock for each in new.lineage for lock in each.holds]
     return wait_graph.awaits(former, new) or any(each in lock._users for lock in locks for each in former.lineage)
 
 
 def _where() -> tuple[CodePlace | None, bool]:
-    """Return the line of the user's code that writes, and True if the machine has called that code; None if only umo's
-    own code writes."""
+    """Return the line of the user's code that writes (None if only umo's own code writes), and True if the machine has
+    called this code."""
     frame: FrameType | None = sys._getframe(1)
     place = None
     while frame is not None and (file := frame.f_code.co_filename) not in MACHINE:

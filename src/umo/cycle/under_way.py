@@ -1,4 +1,4 @@
-"""The active sequences, motions and actions of a machine: a fault of equipment ends those in the equipment, a stop ends
+"""The active sequences, motions and actions of a machine. A fault of equipment ends those in the equipment; a stop ends
 all."""
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ class ActiveWork:
         self.others: list[EndIn] = []
         """Functions that end the activities of others, such as clients, in equipment."""
         self.before_cancel: list[Callable[[], object]] = []
-        """Functions that cancel all activities of others, before the sequences of the application."""
+        """Functions that cancel all activities of others. They are called before the sequences of the application are
+        cancelled."""
         self._moving: dict[int, list[Compound]] = {}
-        """The objects in each equipment that move by themselves, by the id of the compound. They are notified of its
-        fault."""
+        """The objects in each equipment that move by themselves, by the id of the compound. They are notified of a
+        fault of the equipment."""
         for each in equipment.all:
             nodes = (node for node in (each.compound, *walk(each.compound)) if isinstance(node, Compound))
             moving = [node for node in nodes if type(node)._enter_fault is not Compound._enter_fault]
@@ -42,13 +43,13 @@ class ActiveWork:
         return any(each.in_fault for each in self._equipment.all)
 
     def note(self, faults: Sequence[Equipment]) -> None:
-        """Note that this equipment has entered a fault."""
+        """Record that this equipment has entered a fault."""
         for note in self.noting if faults else ():
             note(faults)
 
     def end(self, equipment: Equipment, fault: Callable[[], BaseException], now: float) -> list[Event]:
-        """End all work in failed equipment. Return events on failures in its `finally` blocks. `now`: s on the cycle's
-        clock."""
+        """End all work in failed equipment. Return the events about failures in its `finally` blocks. `now`: the time
+        in s on the cycle's clock."""
         raised: list[Raised] = []
         if moving := self._moving.get(id(equipment.compound)):
             raised = [error for node in moving if (error := attempt(node._enter_fault)[1]) is not None]

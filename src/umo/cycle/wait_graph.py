@@ -1,11 +1,11 @@
-"""The graph of the waits of a machine's sequences for each other. With it, a wait that cannot end is found when it
-begins.
+"""The graph of the sequences of a machine that wait for each other. With this graph, a wait that cannot end is found
+when it begins.
 
-A sequence waits for a lock, for a started sequence, or for those that it runs in parallel. Before a sequence waits, the
-sequences that cannot continue before it has ended are found. If the one that it waits for is among them, the wait would
-never end, and TaskFailed is raised instead. A sequence that waits for a time or a condition can continue. A sequence
-with a time limit can continue, too, and so can a sequence that `first` or `unless` may cancel, unless this would also
-cancel the sequence that begins to wait."""
+A sequence waits for a lock, for a started sequence, or for the sequences that it runs in parallel. Before a sequence
+waits, umo finds the sequences that cannot continue before this sequence has ended. If the sequence waits for one of
+these, the wait would never end, and TaskFailed is raised instead. A sequence that waits for a time or a condition can
+continue. A sequence with a time limit can continue, too, and so can a sequence that `first` or `unless` may cancel,
+unless this would also cancel the sequence that begins to wait."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from umo.text import in_brackets, some
 
 
 class Claimed(Protocol):
-    """An object that one sequence has at a time: a lock."""
+    """An object that only one sequence at a time can have: a lock."""
 
     @property
     def _owner(self) -> Waiter | None:
-        """The sequence that has it."""
+        """The sequence that has the object, or None."""
 
     @property
     def _queue(self) -> Iterable[Waiter]:
-        """The sequences that wait for it."""
+        """The sequences that wait for the object."""
 
     @property
     def _users(self) -> Container[Waiter]:
-        """The sequences that have had it."""
+        """The sequences that have had the object."""
 
 
 class ParallelParts(NamedTuple):
@@ -110,7 +110,7 @@ def _names(waiters: Iterable[Waiter]) -> dict[Waiter, str]:
 
 
 def _stuck_behind(waiting: Waiter) -> set[Waiter]:
-    """The sequences that cannot continue before this one has ended."""
+    """Return the sequences that cannot continue before this one has ended."""
     bound = _reached([waiting], _bound_to)
     stuck = _reached(bound, _behind)
     while free := {each for each in stuck - bound if not _is_stuck(each, stuck)}:
@@ -119,14 +119,14 @@ def _stuck_behind(waiting: Waiter) -> set[Waiter]:
 
 
 def _bound_to(each: Waiter) -> Iterator[Waiter]:
-    """The sequences that continue when it has ended, or that cancel it."""
+    """Return the sequences that continue when this one has ended, or that cancel it."""
     if each.parent is not None:
         yield each.parent
     yield from each.awaited_by
 
 
 def _behind(each: Waiter) -> Iterator[Waiter]:
-    """The sequences that wait for it, or for something that it has."""
+    """Return the sequences that wait for this one, or for a lock that it has."""
     yield from _bound_to(each)
     for claimed in each.holds:
         yield from claimed._queue
@@ -142,7 +142,8 @@ def _reached(first: Iterable[Waiter], following: Callable[[Waiter], Iterable[Wai
 
 
 def _is_stuck(each: Waiter, stuck: set[Waiter]) -> bool:
-    """True if it cannot continue while these cannot, and is cancelled by no other that can."""
+    """Return True if a sequence cannot continue while those in `stuck` cannot, and if no sequence that can continue may
+    cancel it."""
     if each.limits or any(other not in stuck for other in _bound_to(each)):
         return False
     awaited = each.waits_for
@@ -153,7 +154,7 @@ def _is_stuck(each: Waiter, stuck: set[Waiter]) -> bool:
 
 
 def _words_from(target: Waiter, waiting: Waiter, stuck: set[Waiter], names: Mapping[Waiter, str]) -> list[str]:
-    """The shortest way from the one to the other, as sentences."""
+    """Return the shortest way from `target` to `waiting` in the graph, as sentences."""
     ways: dict[Waiter, list[str]] = {target: []}
     for each in (queue := [target]):
         if each is waiting:
@@ -177,5 +178,5 @@ def _steps(each: Waiter, names: Mapping[Waiter, str]) -> Iterator[tuple[Waiter, 
 
 
 def _called(each: Waiter, names: Mapping[Waiter, str]) -> str:
-    """Its name; of one that is on no circle, as it is."""
+    """Return the name of a sequence in the message; without an entry in `names`, its own name."""
     return names.get(each, each.name)

@@ -1,7 +1,7 @@
 """The writes of control code into the image, by the extension in C (`writes.c`) if the extension is built. In addition
 to the value, a write stores its writer, and sets a bit until the values are sent. A function is called only if a writer
 other than the previous one writes another value (`two_writers.py`). Without the extension only the value is stored,
-because storing more would double the time; then writes are examined in some periods (`sampled_writes.py`).
+because storing more would double the time. Writes are then examined only in some periods (`sampled_writes.py`).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class ImageWrites(Protocol):
         """Write many values. If one of the actuators is restricted, nothing is written, and the result is False."""
 
     def note(self, slot: int, before: float, value: float) -> None:
-        """Note a value that was accepted in another way; `before`: the pending value until then."""
+        """Record a value that was accepted in another way. `before`: the pending value before this one."""
 
 
 def make_turn() -> Turn:

@@ -25,7 +25,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 Declared = Range | Callable[[Any], Range]
 """Unit and range of an argument, or a function that takes the compound and returns them."""
 MARK = "__umo_action__"
-"""Attribute of a method that the decorator has marked."""
+"""The name of the attribute by which the decorator marks a method."""
 KINDS: Mapping[Any, str] = {float: "number", int: "integer", bool: "bool", str: "text"}
 """Kinds of arguments by their types."""
 
@@ -73,11 +73,11 @@ def action(
     Every argument is annotated: float, int, bool, str, an Enum, a two-state type or a Literal. A number needs a
     `Range`, or a function of the compound that returns one. `harmless`: the action may also be called in automatic
     mode, while the application runs. `apart`: the page shows the action apart from the others, in red, so that nobody
-    clicks it by mistake. `release`: the action lasts as long as the caller holds it; then its sequences are cancelled,
-    and this method of the compound is called, without arguments. A release ends what the action began and starts
-    nothing: it is also called when the action has already ended for another reason. A sequence that an action starts
-    (`cycle.start`) belongs to it: it ends when the action is cancelled, or the lease ends. Actuators that an action
-    still drives when the lease ends in manual mode react as declared by `when_suspended`. The first line of the
+    clicks it by mistake. `release`: the action lasts as long as the caller holds it. Then its sequences are cancelled,
+    and the method with this name is called without arguments. This method must end what the action began, and must
+    start nothing: it is also called if the action has already ended for another reason. A sequence that an action
+    starts (`cycle.start`) belongs to it: it ends when the action is cancelled, or the lease ends. Actuators that an
+    action still drives when the lease ends in manual mode react as declared by `when_suspended`. The first line of the
     docstring describes the action. The result must be plain data; clients see at most 448 bytes of its JSON.
     """
     mark = _Mark(ranges, checked_truth("harmless", harmless), checked_truth("apart", apart), release)
@@ -192,8 +192,8 @@ def actions_on(part: Compound, path: str, owner: Any) -> dict[str, Action]:
 
 @cache
 def _marks(kind: Any) -> dict[str, _Mark]:
-    """The arguments of the decorator, by the names of the methods, in the order in which they are declared: those of
-    bases first."""
+    """Return the arguments of the decorator by the names of the methods, in the order of declaration. The methods of
+    bases come first."""
     names = dict.fromkeys(name for each in reversed(kind.__mro__) for name in vars(each))
     found = ((name, getattr(inspect.getattr_static(kind, name, None), MARK, None)) for name in names)
     return {name: mark for name, mark in found if isinstance(mark, _Mark)}
@@ -201,7 +201,7 @@ def _marks(kind: Any) -> dict[str, _Mark]:
 
 @cache
 def _declared(kind: Any, name: str) -> tuple[Mapping[str, inspect.Parameter], str]:
-    """The parameters of an action without `self`, and what its docstring says first."""
+    """Return the parameters of an action without `self`, and the first paragraph of its docstring."""
     method = getattr(object.__new__(kind), name)
     about = (inspect.getdoc(method) or "").partition("\n\n")[0].replace("\n", " ")
     return signature_of(method), about
@@ -259,7 +259,8 @@ def _choices(kind: Any) -> dict[str, Any]:
 
 
 def _plain(default: Any, choices: Mapping[str, Any]) -> Any:
-    """A default for people to see, of a choice its name; None where it says nothing."""
+    """Return a default in the form that is shown to people: for a choice, its name. None if the default says nothing to
+    them."""
     if choices:
         return next((name for name, value in choices.items() if value == default), None)
     if isinstance(default, float):

@@ -32,7 +32,7 @@ class Actuator(Atomic):
     _max_age: float | None
     """Time in s for which a value that was not confirmed is sent again; None means not at all."""
     _clamp: bool = False
-    """True if the nearest bound is taken of a value beyond the range."""
+    """True if a value beyond the range is replaced by the nearest bound."""
 
     @property
     @abstractmethod
@@ -47,14 +47,14 @@ class Actuator(Atomic):
 
     @property
     def when_suspended(self) -> Literal["default", "hold"]:
-        """The reaction of the value to a change to manual mode, if no law writes it: as the actuator declares, or else
-        the nearest compound ("run on" counts as "hold")."""
+        """The reaction of the value to a change to manual mode, if no law writes it: as declared by the actuator or, if
+        it declares nothing, by the nearest compound ("run on" then means "hold")."""
         reaction = self._when_suspended or declared_reaction(self) or "default"
         return "default" if reaction == "default" else "hold"
 
     @property
     def _holds(self) -> bool:
-        """True if it keeps its value while nothing controls it."""
+        """True if the actuator keeps its value while nothing controls it."""
         return self.when_suspended == "hold"
 
     @property
@@ -65,7 +65,7 @@ class Actuator(Atomic):
 
     @property
     def claim(self) -> Claim:
-        """The claim in force: who drives the actuator now, and what comes next."""
+        """The claim in force. It says who drives the actuator now, and what happens when this claim ends."""
         return self._image.claims.claim(self._slot)
 
     def update(self) -> bool:
@@ -74,7 +74,7 @@ class Actuator(Atomic):
         return self._image.update_some((self._slot,)) if self._synchronous else True
 
     def _default_value(self) -> float:
-        """The default as a number of the process image: of a state its level."""
+        """The default as a number of the process image. For a state, this is its level."""
         return self._number(self.default)
 
     def _about(self) -> dict[str, Any]:
@@ -93,11 +93,12 @@ class BinaryActuator(Actuator, Binary[S]):
     `expires` (s, or a string such as "100 ms"): without a write for this time the default is sent. Default: never.
     `on_error` is the reaction to a write that the device did not confirm. "raise" (default): the quality becomes BAD,
     and DriverError is raised. "retry": the value is sent again in every period, with the quality STALE, until it is
-    confirmed or older than `max_age` (s, or a string such as "2 s"), counted from the last confirmation, or from the
-    write for an asynchronous actuator; then the reaction is that of "raise". Use "retry" only for channels that hold a
-    level, because a pulse must not be sent twice. `when_suspended`: with "hold" the actuator keeps its value in a
-    change to manual mode; with "default" it goes to its default, unless a law writes it. Without this setting the
-    declaration of the nearest compound counts; without one, "default".
+    confirmed. If it is still not confirmed after `max_age` (s, or a string such as "2 s"), the reaction is that of
+    "raise". `max_age` is counted from the last confirmation; for an asynchronous actuator it is counted from the write.
+    Use "retry" only for channels that hold a level, because a pulse must not be sent twice. `when_suspended`: with
+    "hold" the actuator keeps its value in a change to manual mode. With "default" it goes to its default, unless a law
+    writes it. Without this setting, the declaration of the nearest compound applies. If there is no such declaration,
+    "default" applies.
     """
 
     __slots__ = ("_default", "_expires", "_max_age", "_when_suspended")
@@ -155,12 +156,12 @@ class DigitalActuator(Actuator, Digital):
     """A group of output bits: a DAC, a PWM duty cycle. EPICS ao, Modbus holding register, BACnet AO.
 
     `limits` sets what `write` does with a value outside the range. "raise" (default): RangeError, nothing changes.
-    "clamp": the nearest bound is taken and `write` returns False. NaN and infinities always raise. `expires` (s, or a
-    string such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
-    only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
-    `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; its inverse at the value gives the electrical
-    quantity, raw * resolution + zero_offset. Without it, value and electrical quantity are the same. `on_error`,
-    `max_age` and `when_suspended` are those of a BinaryActuator.
+    "clamp": the nearest bound is taken and `write` returns False. NaN and infinities always raise RangeError. `expires`
+    (s, or a string such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s,
+    synchronous only): the largest rate of change of the value sent. `pending` is the value written, `read` the value
+    sent. `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; its inverse at the value gives the
+    electrical quantity, raw * resolution + zero_offset. Without a linearization, value and electrical quantity are the
+    same. `on_error`, `max_age` and `when_suspended` are those of a BinaryActuator.
     """
 
     __slots__ = ("_clamp", "_default", "_expires", "_max_age", "_slew_rate", "_when_suspended")
@@ -224,10 +225,10 @@ class DigitalActuator(Actuator, Digital):
     def write(self, value: float) -> bool:
         """Set a new value in `units`. The next `update` sends it; an asynchronous actuator sends it immediately.
 
-        Returns True if the value is accepted unchanged (rounding to the resolution does not count), or is sent again
-        with on_error="retry". Returns False if it is clamped or not accepted (see `inhibited`). Raises RangeError if
-        the value is outside the range with limits="raise", or is not a finite number; then nothing changes. An
-        asynchronous actuator also raises DriverError.
+        Returns True if the value is accepted unchanged (except for rounding to the resolution), or is sent again with
+        on_error="retry". Returns False if it is clamped or not accepted (see `inhibited`). Raises RangeError if the
+        value is outside the range with limits="raise", or is not a finite number; then nothing changes. An asynchronous
+        actuator also raises DriverError.
         """
         if value.__class__ is not float:
             value = self._number(value)
@@ -264,7 +265,7 @@ def _reaction(when_suspended: Literal["default", "hold"] | None) -> Literal["def
 
 
 def _retried(on_error: str, max_age: str | float | None) -> float | None:
-    """The time in s for which a value that was not confirmed is sent again; None means not at all."""
+    """Return the time in s for which a value that was not confirmed is sent again; None means not at all."""
     if not is_one_of(on_error, get_args(OnWriteError)):
         raise DeclarationError(f"on_error={on_error!r} is none of {', '.join(map(repr, get_args(OnWriteError)))}")
     if on_error == "retry" and max_age is None:

@@ -42,21 +42,22 @@ class Atomic(Node):
     direction: ClassVar[Direction]
     """Direction of the value: OUTPUT for an actuator, with `write` and `update`; INPUT for a sensor, with `sample`."""
     _word: ClassVar[str]
-    """The kind of its value: "binary", "digital"."""
+    """The kind of the value: "binary" or "digital"."""
     _has_states: ClassVar[bool]
-    """True if its value is one of some named states, False if a number in a unit."""
+    """True if the value is one of several named states, False if it is a number in a unit."""
     _states: type[Enum] | None = None
-    """The type of its states, or None if it has none."""
+    """The type of the states, or None if the object has none."""
     _raws: tuple[int, ...] | None = None
-    """The raw integers that its channel can have; None means all within the range."""
+    """The raw integers that the channel of the object can have; None means all integers within the range."""
     _incremental: bool = False
-    """True if its value means nothing until it is referenced."""
+    """True if the value is meaningless until it is referenced."""
     _debounce: float | None = None
     _filter: float | None = None
     _velocity: float | None = None
-    """Times in s of its conditioning, or None if it has none of these."""
+    """Times in s of the conditioning of the value; each is None if the object does not have this kind of
+    conditioning."""
     _slew_rate: float | None = None
-    """The largest rate of change of what is sent, in units per s; None means not limited."""
+    """The largest rate of change of the value that is sent, in units per s; None means not limited."""
     _image: Image
 
     def __init__(self, synchronous: bool) -> None:
@@ -118,28 +119,29 @@ class Atomic(Node):
 
     @abstractmethod
     def _about(self) -> dict[str, Any]:
-        """Return the meaning of its values as plain data (`umo.objects.presentation.described`)."""
+        """Return the meaning of the object's values as plain data (`umo.objects.presentation.described`)."""
         return {}
 
     @abstractmethod
     def _number(self, value: Any) -> float:
-        """The number of the image for a value as `write` takes it. Raises StateError or RangeError for what is none."""
+        """Return the number in the image for a value in the form that `write` takes. Raises StateError or RangeError
+        for anything else."""
         raise NotImplementedError
 
     @abstractmethod
     def _plain(self, value: Any) -> Any:
-        """A value as plain data."""
+        """Return a value as plain data."""
         raise NotImplementedError
 
     @abstractmethod
     def _from_plain(self, value: Any) -> float:
-        """The number of the image for a value as plain data, within the range. Raises StateError or RangeError if it is
-        none."""
+        """Return the number in the image for a value given as plain data. Raises StateError or RangeError if it is not
+        a value of this object within the range."""
         raise NotImplementedError
 
     def _levels(self, inverted: bool) -> Calibration:
-        """Return the calibration of an object with states on a channel, inverted or not. Raises DeclarationError if it
-        is not possible."""
+        """Return the calibration of an object with states on a channel, inverted or not. Raises DeclarationError if the
+        object cannot be inverted."""
         if inverted:
             raise DeclarationError(f"a {type(self).__name__} cannot be inverted")
         return self.calibration
@@ -160,7 +162,7 @@ class Atomic(Node):
                 raise AttributeError(f"{error}{self._instead_of_setting('...')}") from None
 
     def _instead_of_setting(self, value: str) -> str:
-        """Return what to write instead of an assignment to it or to one of its attributes."""
+        """Return what to write instead of an assignment to the object or to one of its attributes."""
         if self.direction is Direction.OUTPUT:
             return f"; its value is written: `{self.path or type(self).__name__}.write({value})`"
         return "; a sensor is only read"
@@ -173,7 +175,7 @@ class Atomic(Node):
         self._image = cast("Image", Unconnected(self))
 
     def _shown(self) -> str:
-        """Its value as text."""
+        """The value of the object as text."""
         value = self._image.values[self._slot]
         return NO_VALUE if value != value else number_text(value)
 
@@ -259,7 +261,7 @@ class Binary(Atomic, Generic[S]):
         )
 
     def _nearest(self, given: object) -> str:
-        """The state to write for a text, a truth value or a number, or "" if none is near."""
+        """Return the state that was probably meant by a text, a truth value or a number, or "" if no state is near."""
         for state in (self._one, self._zero):
             if isinstance(given, str) and given.casefold() in (state.name.casefold(), str(state.value).casefold()):
                 return f": write {shown(state)}"
@@ -282,7 +284,8 @@ class Calibration(NamedTuple):
     linearization: Linearization | None = None
     invalid_raws: tuple[int, ...] = ()
     rollover: bool | int = False
-    """Number of bits of a counter that rolls over; True for those of its channel; False if it does not roll over."""
+    """The number of bits of a counter that rolls over. True means the bits of its channel; False means that the object
+    is not a counter that rolls over."""
 
 
 LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1.0)
@@ -340,7 +343,7 @@ class Digital(Atomic):
 
     @property
     def zero_offset(self) -> float:
-        """The value of raw 0; with a linearization the electrical quantity."""
+        """The value of raw 0. With a linearization: the electrical quantity of raw 0."""
         return self._calibration.zero_offset
 
     @property
@@ -358,7 +361,7 @@ class Digital(Atomic):
         self._minimum, self._maximum = calibration[:2]  # each write looks at them
 
     def read_in(self, unit: str) -> float:
-        """`read()` in another unit of the same dimension."""
+        """Return the result of `read()` in another unit of the same dimension."""
         return convert(self.read(), self._units, unit)
 
     @abstractmethod
@@ -370,7 +373,8 @@ class Digital(Atomic):
         return f"{span(self._minimum, self._maximum, self._units)} by {number_text(abs(self.resolution))}{of}"
 
     def _about(self) -> dict[str, Any]:
-        """Without a linearization the resolution and the zero offset, from which its digits follow."""
+        """Return unit and range and, without a linearization, also the resolution and the zero offset, from which the
+        digits follow."""
         about: dict[str, Any] = {"unit": self._units, "minimum": self._minimum, "maximum": self._maximum}
         if self.linearization is None:
             about |= {"resolution": self.resolution, "zero_offset": self.zero_offset}
@@ -387,7 +391,7 @@ class Digital(Atomic):
         return f"write `{name}.read() {sign} {number}`"
 
     def _number(self, value: Any) -> float:
-        """A plain finite float; a bool, a text or a state is refused."""
+        """Return the value as a finite float. A bool, a text or a state is refused."""
         name = self.path or type(self).__name__
         if isinstance(value, bool | np.bool_) or not hasattr(value, "__float__"):
             raise RangeError(f"{name}: {value!r} is not a number in {self._units}")
@@ -417,7 +421,7 @@ def _finite(name: str, number: float) -> float:
 
 
 def _raws(raws: Iterable[int]) -> tuple[int, ...]:
-    """Raw values. Raises DeclarationError for anything but a list of integers."""
+    """Return raw values as a tuple. Raises DeclarationError for anything except a list of integers."""
     each = tuple(raws) if isinstance(raws, Iterable) else ()
     if not isinstance(raws, Iterable) or any(isinstance(raw, bool) or not isinstance(raw, int) for raw in each):
         raise DeclarationError(f"invalid_raws must be a list of integers, not {raws!r}")

@@ -14,7 +14,7 @@ from umo.text import did_you_mean
 from umo.user_code import abstract_names
 
 FIRST = "; give a new attribute its first value in the class or in `setup`"
-"""Words of a message: what to do if another attribute was meant."""
+"""The part of a message that says what to do if a new attribute was meant."""
 OBJECTS = "umo.objects."
 assign = object.__setattr__
 """Assignment without a check. A lookup by this name is faster, and a machine of 10,000 objects makes 200,000
@@ -22,13 +22,14 @@ assignments."""
 
 
 class DeclaredAttributes:
-    """Base of objects that have only the attributes that their class declares. A type checker knows the same
+    """Base of objects that can have only the attributes that their class declares. A type checker accepts the same
     attributes.
 
     These are the names in the body of the class and of its bases (fields, annotations, values, functions), the
-    attributes that a function in it assigns to its own object (`self.started = ...`), and those that are assigned while
-    `__init__` or `setup` of the object, or of one that contains it, runs. Names that begin with _ are not checked: a
-    descriptor may keep its value there. Any other assignment raises AttributeError with the nearest name."""
+    attributes that a function in it assigns to its own object (`self.started = ...`), and the attributes that are
+    assigned while `__init__` or `setup` runs, of the object itself or of an object that contains it. Names that begin
+    with _ are not checked: a descriptor may keep its value there. Any other assignment raises AttributeError with the
+    nearest name."""
 
     __slots__ = ()
 
@@ -36,7 +37,7 @@ class DeclaredAttributes:
     _stored: ClassVar[frozenset[str]] = frozenset()
     """The names that the functions of this class assign to their own object."""
     _abstract: ClassVar[frozenset[str]] = frozenset()
-    """The functions that an object must have, and that this class lacks."""
+    """The names of the functions that an object must have and that this class lacks."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -96,8 +97,8 @@ def _nearest(owner: Any, name: str) -> str:
 
 
 def _is_made(owner: Any, name: str, frame: FrameType | None) -> bool:
-    """True if `__init__` or `setup` of this object, or of one that contains it, is running: then a part may get a new
-    attribute, but not a misspelt one."""
+    """Return True if `__init__` or `setup` of this object, or of an object that contains it, is running. A part can
+    then get a new attribute, but not a misspelt one."""
     around = owner
     while around is not None:
         if _is_making(around, frame):

@@ -7,8 +7,9 @@
     PROGRAM    the last write of anything else: laws, sequences, actions, the program's loop
 
 A write of a lower rank is refused. The default is always accepted, except from the program while a client has the
-actuator. A rank that ends leaves the default: nothing comes back by itself. Resting (a suspension, a unit that is held)
-and expiry are not ranks: they send the default, and every later write overrides them. A rate limits all but resets.
+actuator. When a rank ends, the actuator stays at its default: no earlier value comes back by itself. Rest (in a
+suspension, or while a unit is held) and expiry are not ranks: they send the default, and every later write overrides
+it. A slew rate limits everything except resets.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from typing import NamedTuple
 
 
 class Rank(IntEnum):
-    """The owner of an actuator. STOP is the rank of the connection (`umo.cycle.connect`), which writes through no
-    stage."""
+    """The owner of an actuator. STOP is the rank of the connection (`umo.cycle.connect`), whose writes do not pass the
+    command stage."""
 
     PROGRAM = 0
     CLIENT = 1
@@ -37,7 +38,7 @@ class Claim(NamedTuple):
 
     @property
     def who(self) -> str:
-        """The name of what drives the actuator, as text."""
+        """The name of the owner that drives the actuator, as text."""
         return f"{WHO[self.rank]}: {self.reason.removeprefix(TAKEN)}" if self.reason else WHO[self.rank]
 
     @property

@@ -76,16 +76,17 @@ class Compound(Node):
     equipment: Whether the compound fails alone (the equipment module of ISA-88). If one of its objects, its `control`
         or a sequence that was started in it fails, its actuators go to their defaults in stop order, its sequences end,
         and it is in fault (`cycle.fault`) until `cycle.clear()`. The other parts of the machine continue. With "manual"
-        this is so in manual mode only, as for an axis. With False (the default) a failure belongs to the equipment
+        this applies in manual mode only, as for an axis. With False (the default) a failure belongs to the equipment
         around the compound, or ends the run if there is none. The setting has no effect on the machine itself.
     numbers: The numbers that are not fields, such as those of laws and properties, by the names of the attributes:
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
-        of the object that returns them. The numbers of the base are kept; for a name in both, the subclass counts.
+        of the object that returns them. The numbers of the base are kept; if both declare a name, the subclass takes
+        precedence.
     when_suspended: What happens to the actuators and axes below in a change to manual mode, and to those that an action
         has left when its client's lease ends. "default": actuators go to their defaults, axes are disabled. "hold":
         actuators keep their values, axes stop on their profiles and stay under control. "run on": actuators keep their
         values, motions continue to their ends. A law (`control`) that writes an actuator in each period continues to do
-        so. The nearest declaration counts. Default: actuators "default", axes "hold".
+        so. The nearest declaration applies. Default: "default" for actuators, "hold" for axes.
     every: The rate of a part of the machine: it is sampled, controlled and updated in every n-th period (`every=10`),
         or at a period of its own, a multiple of the machine's (`every="10 ms"`). Objects in it have the same rate,
         unless their class has `every`, too. `dt` and `cycle.period` of the part belong to the periods of the part. A
@@ -93,8 +94,8 @@ class Compound(Node):
         are due. The setting has no effect on the machine itself. Default: the rate of the object around it; 1 for the
         machine.
     alarms: The alarms for the operator (ISA-18.2): each an `umo.operation.alarms.Alarm` by its name, or a function of
-        the object that returns them. The alarms of the base are kept; for a name in both, the subclass counts. The path
-        of an alarm consists of the object's path and the alarm's name: `tank.overfill`.
+        the object that returns them. The alarms of the base are kept; if both declare a name, the subclass takes
+        precedence. The path of an alarm consists of the object's path and the alarm's name: `tank.overfill`.
 
     A wiring may set a field with a number (or bool, string, Enum). Unit, range and use are annotated:
 
@@ -139,7 +140,7 @@ class Compound(Node):
         _check_hooks(cls)
         for name in vars(cls).keys() - {*names}:
             if isinstance(part := vars(cls)[name], Node):
-                how = f"`{name}: {type(part).__name__}`, and the object where the {cls.__name__} is made"
+                how = f"`{name}: {type(part).__name__}`, and give the object where the {cls.__name__} is made"
                 raise DeclarationError(f"{cls.__name__}.{name} is not a part of its objects: write {how}")
         for name in names:
             if name in RESERVED or name.startswith("_"):
@@ -185,7 +186,7 @@ class Compound(Node):
         parts is called first."""
 
     def _set_up(self) -> None:
-        """`setup` of the parts, then its own."""
+        """Call `setup` of the parts, then `setup` of this object."""
         for child in self._children.values():
             if isinstance(child, Compound):
                 child._set_up()
@@ -199,7 +200,8 @@ class Compound(Node):
             assign(self, name, value)
 
     def _admit(self, name: str, value: object) -> None:
-        """An assignment that is looked at: of a part, of an object, of an attribute that is not known."""
+        """Check an assignment to a part, an assignment of an object, or an assignment to an attribute that is not
+        known."""
         if name in self._fixed:
             if name in RESERVED:
                 raise _reserved(type(self), name)
@@ -219,25 +221,25 @@ class Compound(Node):
     def on_suspend(self) -> None:
         """Override this method to bring the work of this object to a safe state. It is called once when the machine
         changes to manual mode, in which the sequences of the application wait, and for a parent before its parts. The
-        values that it writes remain."""
+        values that this method writes remain."""
 
     async def on_resume(self) -> None:
         """Override this method for work that must be done before the application continues, such as a spindle's run-up.
-        It is called when the machine has changed back to automatic mode, and the actuators have the values of the
-        application again. A failure leads back to manual mode."""
+        It is called when the machine has changed back to automatic mode and the actuators have the values of the
+        application again. If this method fails, the machine goes back to manual mode."""
 
     # One period ------------------------------------------------------------------------------------
 
     def sample(self) -> bool:
         """Read every synchronous sensor below, and return True if all are GOOD. Raises DriverError with a list of the
         failures. With `outputs = "at next tick"`, `sample` of the whole machine first sends the outputs that `update`
-        has not sent, and the list also has the outputs that were not accepted."""
+        has not sent, and the list of failures also contains the outputs that were not accepted."""
         return self._machine.sample(self)
 
     def update(self) -> bool:
-        """Send every synchronous actuator below, and return True. Raises DriverError if one was not accepted. With
-        `outputs = "at next tick"` in the wiring's `[process]`, `update` of the whole machine sends nothing; the next
-        `sample` sends the outputs."""
+        """Send every synchronous actuator below, and return True. Raises DriverError if an output was not accepted.
+        With `outputs = "at next tick"` in the wiring's `[process]`, `update` of the whole machine sends nothing; the
+        next `sample` sends the outputs."""
         return self._machine.update(self)
 
     def reset(self) -> None:
@@ -265,7 +267,7 @@ class Compound(Node):
         return Cycle(self._machine, self)
 
     def _enter_fault(self) -> None:
-        """Equipment that it belongs to is in fault: nothing moves it any more."""
+        """Handle the fault of the equipment to which this object belongs: nothing moves the object any more."""
 
     def _connect(
         self,
@@ -274,7 +276,8 @@ class Compound(Node):
         control: Callable[[], None],
         update: Callable[[], bool],
     ) -> None:
-        """The calls are what moves this compound: in every period they are made without a look-up."""
+        """Connect the compound. `sample`, `control` and `update` become its methods, so that they are called in every
+        period without a look-up."""
         # `m.control()` drives the whole part; the class's own override stays reachable for `super()`
         vars(self).update(_machine=machine, sample=sample, update=update, control=control)
 
@@ -284,8 +287,8 @@ class Compound(Node):
             vars(self).pop(name, None)
 
     def _is_below(self, other: object) -> bool:
-        """True if the other object is this one, its parent, or further up: a part may have its parent as an
-        attribute."""
+        """Return True if the other object is this one, its parent, or a compound further up. A part can have its parent
+        as an attribute."""
         node: Node | None = self
         while node is not None and node is not other:
             node = node._parent
@@ -334,7 +337,7 @@ def _written(part: Node | None, value: object) -> str:
 
 
 def _parts(name: str, value: object) -> tuple[object, dict[str, Node]]:
-    """The value frozen, and the objects in it by name."""
+    """Return the value in its frozen form, and the objects in it by name."""
     if isinstance(value, Node):
         return value, {name: value}
     frozen: object
@@ -362,7 +365,7 @@ def _holds_objects(value: object) -> bool:
 
 
 def _check_type(where: str, value: object, hint: Any) -> None:
-    """Declaration mistakes that a type checker would have found, for those who run none."""
+    """Raise DeclarationError for a mistake that a type checker would have found, because not everybody runs one."""
     if get_origin(hint) is Annotated:
         hint = get_args(hint)[0]
     origin, args = get_origin(hint) or hint, get_args(hint)

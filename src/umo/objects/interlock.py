@@ -31,13 +31,14 @@ class Interlock:
 
     The condition is evaluated when the machine is connected and in each period, after `sample`. In periods in which
     parts with other rates are due, it is evaluated again after their sensors were read. The condition must be quick and
-    read only synchronous sensors and actuators. If it raises an error, it counts as true: `state_of` and `value_of` of
-    `umo.control` raise for bad sensors. `forbids` names actuators, or compounds, which stand for all actuators in them.
-    `latched`: the interlock inhibits until the condition is false and `acknowledge()` was called for one of its
-    actuators, or for a compound that contains one. Then all actuators of the interlock are free. The interlock latches
-    from the first period on; before, it only inhibits. `effect="stop"`: `write` raises Interlocked instead of returning
-    False; unless the error is caught, the run ends, or the equipment whose code has written enters a fault. Default:
-    latched=False, effect="inhibit". An interlock is not a safety function.
+    read only synchronous sensors and actuators. If it raises an error, the actuators are inhibited, too; `state_of` and
+    `value_of` of `umo.control` raise an error for a bad sensor. `forbids` names actuators, or compounds, which stand
+    for all actuators in them. `latched`: the interlock inhibits until the condition is false and `acknowledge()` was
+    called for one of its actuators, or for a compound that contains one. Then all actuators of the interlock are free.
+    The interlock latches only from the first period on; before that it only inhibits. `effect="stop"`: `write` raises
+    Interlocked instead of returning False. Unless the error is caught, the equipment whose code has written enters a
+    fault; outside of equipment the run ends. Default: latched=False, effect="inhibit". An interlock is not a safety
+    function.
     """
 
     condition: Callable[[], bool]

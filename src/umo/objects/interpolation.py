@@ -44,7 +44,7 @@ class CurveTable(NamedTuple):
 
 
 class Segments:
-    """Linear interpolation between points (x, y), x strictly monotonic."""
+    """Linear interpolation between points (x, y), where x is strictly monotonic."""
 
     def __init__(self, xs: Sequence[float], ys: Sequence[float]) -> None:
         order = slice(None, None, 1 if xs[0] < xs[-1] else -1)
@@ -163,7 +163,8 @@ Group = tuple[Any, IntArray | None]
 
 
 def groups_of(each: Sequence[Any]) -> list[Group]:
-    """Return a calculation on an array in which each element has its own function: an object with `many`, or None."""
+    """Return the calculations on an array in which each element has its own function. In `each`, an element is an
+    object with `many`, or None for no function."""
     cubics = [(place, one) for place, one in enumerate(each) if isinstance(one, Cubics)]
     others: dict[Any, list[int]] = {}
     for place, one in enumerate(each):

@@ -1,5 +1,6 @@
 """The reference functions of thermocouples: NIST Standard Reference Database 60, ITS-90 (NIST Monograph 175; IEC
-60584-1 has the same functions). They are a work of the government of the United States and not subject to copyright."""
+60584-1 has the same functions). The functions are a work of the government of the United States and not subject to
+copyright."""
 
 from __future__ import annotations
 
@@ -68,7 +69,7 @@ T 0 400
 """
 """For each range: the type, its ends in degC, and the coefficients of E in mV = sum of c[i] t^i, t in degC."""
 _EXPONENTIAL = {("K", 0.0): (0.118597600000, -0.118343200000e-03, 0.126968600000e03)}
-"""a of the term a[0] exp(a[1] (t - a[2])^2), by type and start of the range."""
+"""The coefficients a of the term a[0] exp(a[1] (t - a[2])^2), by type and start of the range."""
 
 
 class Reference(NamedTuple):

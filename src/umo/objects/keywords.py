@@ -23,7 +23,7 @@ AlarmsByName = Mapping[str, Any] | Callable[[Any], Mapping[str, Any]]
 """Alarms (`umo.operation.alarms.Alarm`) by their names, or a function of the object that returns this."""
 
 Reaction = Literal["default", "hold", "run on"]
-"""How actuators and axes react while nothing controls them. Actuators go to their defaults, or keep their values
+"""The reaction of actuators and axes while nothing controls them. Actuators go to their defaults, or keep their values
 ("hold" and "run on"). Axes are disabled ("default"), stop on their profiles and stay under control ("hold"), or
 continue their motions to the end, except homing and jogs, which stop ("run on")."""
 REACTIONS: tuple[Reaction, ...] = ("default", "hold", "run on")
@@ -128,7 +128,7 @@ def _is_valid(name: str, value: Any) -> bool:
 
 
 def _similar(name: str, value: Any) -> str:
-    """The keyword of which this is a misspelling, "" if it is none."""
+    """Return the keyword of which this name is a misspelling, or "" if it is none."""
     near = get_close_matches(name, [*KEYWORDS, *FORMER_NAMES], n=1, cutoff=MISSPELT_RATIO)
     meant = FORMER_NAMES.get(near[0], near[0]) if near else ""
     if meant == "alarms":

@@ -2,9 +2,9 @@
 
     value = f(x), x = raw * resolution + zero_offset
 
-x is the electrical quantity that the converter measures or gives, such as mV; f is a `Linearization`. f is strictly
-monotonic over the range of the object, so it has an inverse. Beyond its ends f continues along a straight line: a table
-along its end segments, any other function along its end tangents.
+x is the electrical quantity that the converter measures or outputs, for example in mV; f is a `Linearization`. f is
+strictly monotonic over the range of the object, so it has an inverse. Beyond its ends f continues along a straight
+line: a table along its end segments, any other function along its end tangents.
 """
 
 from __future__ import annotations
@@ -101,9 +101,9 @@ class Polynomial(Linearization):
     """A polynomial, value = c0 + c1 x + c2 x^2 + ...: `Polynomial([c0, c1, c2])`. Its values are accurate to 1e-9 of
     the range.
 
-    If it has several strictly monotonic parts, the one that covers the range of the object is used; beyond the range
-    the tangents of this part continue. If several parts cover the range, `domain` must name the electrical quantities,
-    (from, to), between which the polynomial is used.
+    If the polynomial has several strictly monotonic parts, the part that covers the range of the object is used; beyond
+    the range the tangents of this part continue. If several parts cover the range, `domain` must give the two
+    electrical quantities (from, to) between which the polynomial is used.
     """
 
     coefficients: Sequence[float]
@@ -165,7 +165,8 @@ class Polynomial(Linearization):
 
 @lru_cache(maxsize=1000)
 def _both_ways(polynomial: Polynomial) -> tuple[Cubics, Cubics]:
-    """Return the polynomial and its inverse, in as few cells as keep them within 1e-9 of the range."""
+    """Return the polynomial and its inverse as cubics, with the least number of cells that keeps the error within 1e-9
+    of the range."""
     with np.errstate(all="ignore"):
         xs = np.linspace(polynomial.domain[0], polynomial.domain[1], 5003)
         values = horner(polynomial.coefficients, xs)
@@ -201,7 +202,8 @@ class Linearizations:
 
     @property
     def in_c(self) -> list[tuple[int, CurveTable]] | None:
-        """Each curve to values with its index, in the form for C; None if one of the curves is user-defined."""
+        """Return each curve from electrical quantities to values, with its index, in the form for C; None if one of the
+        curves is user-defined."""
         curves = [(place, one) for place, one in enumerate(self._each) if one is not None]
         if any(isinstance(one, _OneByOne) for _, one in curves):
             return None
@@ -233,7 +235,7 @@ class Linearizations:
 
 @dataclass(frozen=True)
 class _OneByOne:
-    """A function of the user's own on an array."""
+    """The application of a user-defined function to an array."""
 
     one: Callable[[float], float]
 
@@ -250,7 +252,8 @@ def _inverse_of(each: Linearization) -> Cubics | Segments | _OneByOne:
 
 
 def _real_roots(coefficients: Sequence[float], value: float) -> list[float]:
-    """The places at which a polynomial has a value; two close ones where it touches it."""
+    """Return the x at which a polynomial has this value. Where the polynomial only touches the value, there may be two
+    that lie close together."""
     shifted = np.trim_zeros(np.array([coefficients[0] - value, *coefficients[1:]]), "b")
     if len(shifted) < 2:
         return []

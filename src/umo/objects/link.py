@@ -27,7 +27,7 @@ class Claims(Protocol):
 
 
 class Columns(Protocol):
-    """The numbers of the process image as arrays: an object's slot is an index into each of these."""
+    """The numbers of the process image as arrays. An object's slot is an index into each of these arrays."""
 
     values: FloatArray
     pending: FloatArray
@@ -35,11 +35,11 @@ class Columns(Protocol):
 
 
 class Image(Protocol):
-    """The process image: an object's slot is an index into each of these."""
+    """The process image. An object's slot is an index into each of these columns."""
 
     write: Callable[[int, float], bool]
-    """Write a value within the actuator's range to the actuator with this slot. Return whether the value was
-    accepted."""
+    """The function that writes a value within the range to the actuator with this slot. It returns True if the value
+    was accepted."""
     values: memoryview[float]
     """The values: for sensors as last kept, for actuators as last accepted by the hardware."""
     pending: memoryview[float]
@@ -48,7 +48,7 @@ class Image(Protocol):
     """The raw integers that belong to `values`."""
     quality: memoryview
     times: memoryview[float]
-    """Times of the values, s on the cycle's clock."""
+    """The times of the values in s on the cycle's clock."""
     wire_texts: Sequence[str]
     """The wiring of each object, such as `box:coil:3 inverted`."""
     sampled_good: bool | None
@@ -91,7 +91,7 @@ class Task(Protocol):
 
 
 class Clock(Protocol):
-    """The cycle's clock, s."""
+    """The cycle's clock. Times are in s."""
 
     period: float
     dt: float
@@ -149,7 +149,7 @@ class Cycle:
         self._machine, self._part = machine, part
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
-        """Start a sequence of this object. It runs from the next period on, in parallel with the others.
+        """Start a sequence of this object. It runs from the next period on, in parallel with the other sequences.
 
         If the sequence fails, a sequence that awaits it gets TaskFailed. If no sequence of the same equipment awaits
         it, the equipment enters a fault; outside of equipment, `control` raises the error and the run ends. Raises
@@ -159,7 +159,7 @@ class Cycle:
 
     @property
     def fault(self) -> str | None:
-        """The reason if the equipment that contains this object is in fault; else None."""
+        """The reason of the fault if the equipment that contains this object is in fault; otherwise None."""
         found = self._machine.fault_of(self._part)
         return None if found is None else found.reason
 
@@ -187,10 +187,11 @@ class Cycle:
             m.cycle.result({"accepted": accepted, "rejected": rejected})
             m.cycle.result(lambda: shift.report())  # called once, at the end
 
-        This is the result of the run, in its table and its summary, however the run ends (an operator stops it, its
-        time is over, or it fails), unless the application returns a result. The last call counts. Data are read at the
-        end, so a dict may still be changed. A function is called when every actuator is at its default and the machine
-        is no longer connected: the function may use counts of the program, but must not read objects.
+        Unless the application returns a result, this is the result of the run, in its table and its summary. This holds
+        however the run ends: an operator stops it, its time is over, or it fails. A later call replaces the result.
+        Data are read at the end, so a dict can still be changed until then. A function is called when every actuator is
+        at its default and the machine is no longer connected: the function may use counts of the program, but must not
+        read objects.
         """
         self._machine.result(so_far)
 

@@ -56,7 +56,7 @@ class Node(DeclaredAttributes):
         __hash__ = object.__hash__
 
     def _compared(self, sign: str, other: object) -> str:
-        """Return why it is not compared with a value, and what to write instead."""
+        """Return why the object cannot be compared with a value, and what to write instead."""
         name = self._path or type(self).__name__
         return f"`{name} {sign} {shown(other)}` compares an object, not a value; {self._meant(name, sign, other)}"
 

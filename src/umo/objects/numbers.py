@@ -1,6 +1,6 @@
 """The numbers of a machine, which can be set by a wiring, tuned and shown: the fields of compounds and laws, and the
-numbers that compounds and laws declare in `numbers`. A bool, a string and an Enum also count as numbers if a wiring
-sets them.
+numbers that compounds and laws declare in `numbers`. If a wiring sets them, bools, strings and Enums also count as
+numbers.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class MachineNumber(NamedTuple):
 
     def checked(self, value: object) -> Any:
         """Return the value to set, with an Enum given by its name. Raises RangeError if the value has another type or
-        is out of the range."""
+        is outside the range."""
         if self.kind in (bool, str):
             if type(value) is not self.kind:
                 raise RangeError(
@@ -164,7 +164,7 @@ def _of(node: Compound) -> Iterator[MachineNumber]:
 
 
 def _fields(owner: Any, path: str) -> Iterator[MachineNumber]:
-    """The fields of a compound, or of a law that is a dataclass, whose values a wiring can set."""
+    """Return the fields whose values a wiring can set, of a compound or of a law that is a dataclass."""
     for name, (kind, limits) in _fields_of(owner.__class__).items():
         value, _ = attempt(getattr, owner, name)
         full = f"{path}.{name}".lstrip(".")
@@ -177,8 +177,9 @@ def _fields(owner: Any, path: str) -> Iterator[MachineNumber]:
 
 @cache
 def _fields_of(cls: Any) -> Mapping[str, tuple[type | None, Range | str | None]]:
-    """Type and range of the public fields of a dataclass; a text for an annotation that cannot be evaluated and seems
-    to have a range. Empty for what is not a dataclass, or a frozen one."""
+    """Return type and range of each public field of a dataclass. In place of the range there is a text if the
+    annotation cannot be evaluated and seems to contain a range. The result is empty for a frozen dataclass, and for any
+    other class."""
     params: Any = getattr(cls, "__dataclass_params__", None)
     if params is None or params.frozen:
         return {}
@@ -197,14 +198,14 @@ def _annotated(hint: Any) -> tuple[type | None, Range | str | None]:
 
 
 def _number(limits: Any) -> Number:
-    """The range of a number, with its use."""
+    """Return the range of a number as a `Number`, with its use."""
     if isinstance(limits, Number):
         return limits
     return ANY_NUMBER if limits is None else Number(limits.unit, limits.minimum, limits.maximum)
 
 
 def _declared(owner: Any, path: str, given: Callable[[], Any] | Mapping[str, Range]) -> Iterator[MachineNumber]:
-    """The declarations of an object in `numbers`."""
+    """Return the numbers that an object declares in `numbers`."""
     where = path or type(owner).__name__
     try:
         with raise_as(DeclarationError, "failed"):
@@ -226,7 +227,8 @@ def _declared(owner: Any, path: str, given: Callable[[], Any] | Mapping[str, Ran
 
 
 def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> MachineNumber:
-    """The number that is an attribute of what is found by the steps of the way."""
+    """Return the number that is the attribute `name` of the object at the end of `way`, which leads through attributes,
+    indices and keys."""
     is_field = not way and isinstance(owner, Compound)
     for step in filter(None, way.split(".")):
         owner = _step(owner, step, path)
@@ -247,8 +249,8 @@ def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> Machine
 
 
 def _checked(number: MachineNumber) -> MachineNumber:
-    """Raise DeclarationError for a use that its type does not allow, and for a value that is not in its range. A value
-    that is not finite stands for none."""
+    """Check a number and return it. Raises DeclarationError for a use that the type of the number does not allow, and
+    for a value outside the range. A value that is not finite means that there is no value."""
     tunable, shown = number.declared.tunable, number.declared.shown
     if tunable and number.kind not in (None, int, float):
         raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are tuned")
@@ -268,7 +270,7 @@ def _checked(number: MachineNumber) -> MachineNumber:
 
 
 def _step(owner: Any, name: str, path: str) -> Any:
-    """An attribute, or what has this index or key in a list or dict."""
+    """Return an attribute of an object, or the item of a list or dict with this index or key."""
     if isinstance(owner, Mapping) and name in (keys := {str(key): key for key in owner}):
         return owner[keys[name]]
     if isinstance(owner, list | tuple) and name.isdigit() and int(name) < len(owner):
@@ -287,7 +289,7 @@ def _attribute(owner: Any, name: str, path: str) -> Any:
 
 
 def _returned(static: Any) -> type | None:
-    """The type that a property is annotated to return."""
+    """Return the type in the return annotation of a property, or None."""
     if not isinstance(static, property) or static.fget is None:
         return None
     function: Any = static.fget
@@ -296,7 +298,7 @@ def _returned(static: Any) -> type | None:
 
 
 def _kind_of(value: Any) -> type | None:
-    """The type of a value without an annotation; of a number None."""
+    """Return the type of a value without an annotation; None for a number."""
     return type(value) if isinstance(value, bool | str | Enum) else None
 
 

@@ -57,8 +57,9 @@ def find(node: Node, path: str) -> Node:
 
 
 def named(node: Node, pattern: str) -> list[Node]:
-    """Return the objects below this one that a path, the path of a list or dict (for all objects in it), or a pattern
-    (`zones.*.heater`) names, in declared order. Raises PathError if there is none, except for an empty list or dict."""
+    """Return the objects below this one that the pattern names, in declared order. The pattern can be a path, the path
+    of a list or dict (which names all objects in it), or a pattern such as `zones.*.heater`. Raises PathError if there
+    is no such object, except for an empty list or dict."""
     known = _below(node)
     found = [each for path, each in known.items() if matches(pattern, path) or _is_in(pattern, path, each)]
     held = getattr(node, pattern.partition(".")[0], None)
@@ -83,7 +84,7 @@ def _below(node: Node) -> dict[str, Node]:
 
 
 def _is_in(pattern: str, path: str, node: Node) -> bool:
-    """True if an object is in a list or dict that the pattern names."""
+    """Return True if an object is in a list or dict that the pattern names."""
     return "." in node._name and matches(pattern, path.rpartition(".")[0])
 
 

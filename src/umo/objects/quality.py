@@ -4,8 +4,8 @@ from enum import IntEnum
 
 
 class Quality(IntEnum):
-    """How far a value can be trusted. Control laws accept GOOD and STALE; they accept other qualities only if the call
-    names these."""
+    """The degree to which a value can be trusted. Control laws accept GOOD and STALE. They accept other qualities only
+    if the call names them."""
 
     GOOD = 0
     OUT_OF_RANGE = 1
@@ -23,4 +23,4 @@ class Quality(IntEnum):
 
 
 QUALITIES = tuple(Quality)
-"""The quality with each number. A lookup here takes a fifth of the time of `Quality(number)`."""
+"""The qualities, by their numbers. A lookup here takes a fifth of the time of `Quality(number)`."""

@@ -112,12 +112,13 @@ class Number(Range):
     maximum: float = inf
     _: KW_ONLY
     tunable: bool = False
-    """True if the number may be changed while the machine runs: `umo tune number`, `umo.attach`, the page."""
+    """True if the number can be changed while the machine runs: by `umo tune number`, by `umo.attach` or on the
+    page."""
     shown: bool = False
     """True if the number is shown together with the objects: in frames, trace, plot and `umo show values`."""
     kept: bool = False
-    """True if the last value is kept over a restart. Possible for a float, int, bool or Enum. The number is also shown
-    in frames."""
+    """True if the last value is kept across a restart. This is possible for a float, int, bool or Enum. The number is
+    also shown in frames."""
     names: Mapping[int, str] = field(default_factory=dict, hash=False)
     """The names with which the values are shown, such as `{0: "none", 1: "glue"}`. An Enum has its own names. Empty for
     a plain number."""
@@ -130,6 +131,6 @@ class Number(Range):
             raise DeclarationError(f"names={cut_repr(self.names)} are not names by number, such as {{0: 'none'}}")
         for number, name in self.names.items():
             if isinstance(number, bool) or not isinstance(number, int) or abs(number) > MAX_NAMED:
-                raise DeclarationError(f"names: {cut_repr(number)} is not a whole number that a float has exactly")
+                raise DeclarationError(f"names: {cut_repr(number)} is not a whole number that a float holds exactly")
             if not isinstance(name, str) or not name or not name.isprintable():
-                raise DeclarationError(f"names: {cut_repr(name)} is not a name, a text of one line")
+                raise DeclarationError(f"names: {cut_repr(name)} is not a name (a text of one line)")

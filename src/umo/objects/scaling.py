@@ -4,7 +4,7 @@
     raw   = round((value - zero_offset) / resolution), half to even
 
 The paper's `resolution` is the change of the value for one bit, `zero_offset` the value of raw 0 (section 4.5). The
-code divides and never multiplies by a reciprocal, because the results would differ for values midway between two raw
+code divides and never multiplies by a reciprocal, because the two results can differ for values midway between two raw
 integers. The scalar and the vectorised forms, and the C of blocks and controllers (`umo_scaling.h`), do the same IEEE
 operations in the same order; tests prove them equal. An inverted binary channel is resolution -1, zero offset 1.
 """

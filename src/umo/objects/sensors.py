@@ -29,7 +29,7 @@ class Sensor(Atomic):
     _max_age: float | None
     """Time in s for which the last value is held after a failure; None means not at all."""
     _marks: bool
-    """True if a failure marks the value BAD and raises nothing."""
+    """True if a failure marks the value BAD and raises no error."""
 
     def sample(self) -> bool:
         """Read the hardware and keep the value if the sensor is synchronous. Return False if the quality of the value
@@ -76,21 +76,21 @@ class DigitalSensor(Sensor, Digital):
 
     `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `linearization`: a `Polynomial`,
     `LookupTable` or `Thermocouple` from the electrical quantity, raw * resolution + zero_offset, to the value; without
-    it both are the same. `invalid_raws`: raw values with which the circuit reports an invalid reading, such as 0x7FFF
-    for an open thermocouple. Such a reading counts as failed.
+    a linearization both are the same. `invalid_raws`: raw values with which the circuit reports an invalid reading,
+    such as 0x7FFF for an open thermocouple. Such a reading counts as failed.
 
     `rollover`: the bits of a counter that starts again at 0 after its highest number, such as 16 for a line encoder;
-    True means the bits of its channel. The value continues by the shortest way, so between two readings the counter
-    must change by less than half of its range. `filter`: time constant in s (or "20 ms") of a low pass of the first
-    order on the value. `velocity`: the sensor also has `sensor.velocity`, the change of the unfiltered value per
-    second, shown as `PATH.velocity`. The setting is the time constant of the velocity's low pass; 0 means no low pass.
-    By default a sensor has no rollover, filter or velocity. `on_error` is the reaction to a failed reading. "raise"
-    (default): the quality becomes BAD, and DriverError is raised. "hold": the last value is kept for `max_age` (s, or a
-    string such as "50 ms") with the quality STALE, which control laws accept; then the reaction is that of "raise".
-    "mark": the quality becomes BAD, after `max_age` if it is given, and no error is raised; control laws refuse the
-    value, `quality` shows it, and the other sensors and the run continue. `read` then returns the last value, or NaN if
-    there was none. In conditions, such as those of interlocks, therefore use `value_of` of `umo.control`, which raises
-    BadInput.
+    True means the bits of its channel. The value changes by the shortest way from one count to the next. So between two
+    readings the counter must change by less than half of its range. `filter`: time constant in s (or "20 ms") of a low
+    pass of the first order on the value. `velocity`: the sensor also has `sensor.velocity`, the change of the
+    unfiltered value per second. It is shown as `PATH.velocity`. The setting is the time constant of the velocity's low
+    pass; 0 means no low pass. By default a sensor has no rollover, filter or velocity. `on_error` is the reaction to a
+    failed reading. "raise" (default): the quality becomes BAD, and DriverError is raised. "hold": the last value is
+    kept for `max_age` (s, or a string such as "50 ms") with the quality STALE, which control laws accept. After
+    `max_age` the reaction is that of "raise". "mark": the quality becomes BAD (only after `max_age`, if this is given),
+    and no error is raised. Control laws refuse the value, `quality` is BAD, and the other sensors and the run continue.
+    `read` then returns the last value, or NaN if there was none. In conditions, such as those of interlocks, therefore
+    use `value_of` of `umo.control`, which raises BadInput.
     """
 
     __slots__ = ("_filter", "_incremental", "_marks", "_max_age", "_velocity")
@@ -168,7 +168,7 @@ def checked_rollover(bits: bool | int) -> bool | int:
 
 
 def _time(name: str, duration: str | float | None) -> float | None:
-    """A time in s from 0 on."""
+    """Return a setting as a time in s. Raises DeclarationError unless the time is finite and not negative."""
     if duration is None:
         return None
     found = seconds(duration)
@@ -178,7 +178,8 @@ def _time(name: str, duration: str | float | None) -> float | None:
 
 
 def _on_error(on_error: str, max_age: str | float | None) -> tuple[float | None, bool]:
-    """The longest time in s that a last value is held, None: not at all; and whether a failure is only marked."""
+    """Return two values: the longest time in s for which the last value is held (None: not at all), and whether a
+    failure is only marked."""
     if not is_one_of(on_error, get_args(OnError)):
         raise DeclarationError(f"on_error={on_error!r} is none of {', '.join(map(repr, get_args(OnError)))}")
     if on_error == "hold" and max_age is None:

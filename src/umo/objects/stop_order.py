@@ -23,7 +23,8 @@ def stop_sequence(root: Compound) -> list[Atomic]:
 
 
 def _in_order(node: Node) -> Iterator[Atomic]:
-    """The atomic objects in order. An object that is named appears again among the rest."""
+    """Return the atomic objects in stop order. An object that `stop_order` names appears a second time, among the
+    rest."""
     if isinstance(node, Atomic):
         yield node
         return

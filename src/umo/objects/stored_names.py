@@ -1,5 +1,5 @@
-"""The attributes that the functions of a class assign to their object, such as `self.started = self.now`. A type
-checker counts them as declared. They are read from the compiled code."""
+"""The attributes that the functions of a class assign to their object, such as `self.started = self.now`. For a type
+checker such attributes are declared. They are read from the compiled code."""
 
 from __future__ import annotations
 
@@ -76,7 +76,8 @@ def _stores(code: CodeType, own: str) -> Iterator[tuple[str, CodePlace]]:
 
 
 def _loads(instruction: Any, own: str) -> bool:
-    """True if this instruction leaves the object itself as the last value: some versions load two at once."""
+    """Return True if this instruction leaves the object itself as the last value. In some versions of Python an
+    instruction loads two values at once."""
     given = instruction.argval
     return "LOAD_" in instruction.opname and own == (given[-1] if isinstance(given, tuple) else given)
 

@@ -75,6 +75,6 @@ class Thermocouple(Linearization):
 
 @cache
 def _both_ways(kind: str, full: bool) -> tuple[Cubics, Cubics]:
-    """mV from degC, and degC from mV."""
+    """Return two functions: mV from degC, and degC from mV."""
     limits, cells = KINDS[kind], FULL_CELLS if full else CELLS
     return Cubics.both_ways(partial(voltages, kind), limits.start if full else limits.usual, limits.end, cells)

@@ -1,6 +1,6 @@
 """The units, which are those of pint. Values in the loop are plain floats in the declared unit.
 
-pint is imported with the first declaration, not with umo: because that takes 0.2 s.
+pint is imported with the first declaration and not with umo, because the import takes 0.2 s.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ _POWER = r"(?:\s*(?:\*\*|\^)\s*[-+]?\d\d?(?:\.\d)?|⁻?[⁰¹²³⁴-⁹]{1,2})?
 _FACTOR = rf"(?:1|{_NAME}{_POWER})"
 _PRODUCT = rf"{_FACTOR}(?:(?:\s*[*/·⋅]\s*|\s+){_FACTOR})*"
 _UNIT = re.compile(rf"\s*(?:{_PRODUCT}(?:\s*/\s*\({_PRODUCT}\))?)?\s*")
-"""Form of a unit: names, their products and quotients and small powers. pint would calculate "9**9**9 mm" for hours."""
+"""Form of a unit: names, their products and quotients and small powers. Without this check pint would calculate
+"9**9**9 mm" for hours."""
 MAX_LENGTH = 100
 """Largest length of a unit, in characters."""
 _USUAL_NAMES = """
@@ -43,11 +44,11 @@ _USUAL_NAMES = """
     min ml mm mol ms ohm pH percent ppm rad rpm s sampling_period t um us %
 """
 _USUAL = frozenset(_USUAL_NAMES.split())
-"""Names that pint knows, as most machines declare them: units made of them are accepted without pint, whose import and
-whose registry take 0.3 s at each start."""
+"""Names of units that pint knows and most machines use. Units made of these names are accepted without pint, because
+its import and its registry take 0.3 s at each start."""
 LOGARITHMIC_DIGITS = 12
-"""The number of digits to which a conversion through logarithms is rounded: 30 dBm are 1000 mW, not
-1000.0000000000007."""
+"""The number of significant digits to which a conversion through logarithms is rounded, so that 30 dBm are 1000 mW and
+not 1000.0000000000007."""
 
 
 def check_unit(unit: str) -> str:
@@ -75,7 +76,7 @@ def _checked_unit(unit: str) -> str:
 
 
 def _unit_names() -> list[str]:
-    """Names of units, those of SI with their usual prefixes too."""
+    """Return names of units. Units of the SI are included with their usual prefixes."""
     plain = ("meter", "metre", "second", "gram", "volt", "ampere", "liter", "watt", "hertz", "pascal", "newton", "bar")
     return [*(prefix + each for prefix in ("milli", "micro", "centi", "kilo", "mega") for each in plain), *registry()]
 
@@ -98,15 +99,15 @@ def line_between(source: str, target: str) -> tuple[float, float] | None:
 
 
 def _exactly(value: float, source: str, target: str) -> float:
-    """Convert with pint's own quantities: 20 us, where the linear way takes 0.2 us."""
+    """Return a value that is converted by pint's own quantities. This takes 20 us; a linear conversion takes 0.2 us."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(registry().Quantity(value, source).to(target).magnitude)
 
 
 @lru_cache(maxsize=1024)
 def _angle(unit: str) -> float:
-    """The power of an angle in a unit: 1 in "rpm", 0 in "Hz". Angles have no dimension, so pint takes 1 Hz for
-    1 rad/s, where a user means one revolution per second."""
+    """Return the power of an angle in a unit: 1 in "rpm", 0 in "Hz". Angles have no dimension, so pint treats 1 Hz as 1
+    rad/s, while a user means one revolution per second."""
     found: dict[str, Any] = dict(registry().Quantity(1.0, unit).to_root_units().unit_items())
     return float(found.get("radian", 0.0))
 

@@ -103,7 +103,8 @@ class Vector(Generic[A]):
         *,
         where: BoolArray | None = None,
     ) -> bool:
-        """Set new values: an array of shape (n,) or one value for all. If it raises RangeError, no value is changed.
+        """Set new values: an array of shape (n,), or one value for all objects. Raises RangeError if a value is
+        refused; then no value is changed.
 
         `where`: booleans of shape (n,); objects where it is False are not written. Default: all are written. Returns
         True if all were accepted unchanged. Returns False if a value was clamped (limits="clamp"), an interlock
@@ -120,7 +121,7 @@ class Vector(Generic[A]):
         return taken and free
 
     def mask(self, where: BoolArray) -> BoolArray:
-        """Return the mask. Raises RangeError unless it has a bool for each object."""
+        """Return the mask. Raises RangeError unless the mask has one bool for each object."""
         if not isinstance(where, np.ndarray) or where.dtype != np.bool_ or where.shape != (len(self),):
             raise RangeError(f"{where!r} is not an array of {len(self)} booleans")
         return where
@@ -182,7 +183,7 @@ class Vector(Generic[A]):
 
 
 class _Slots:
-    """The places of the objects in one image, and their limits as arrays."""
+    """The slots of the objects in one image, and the limits of the objects as arrays."""
 
     def __init__(self, image: Image, objects: Sequence[Atomic]) -> None:
         self.image = image
@@ -224,7 +225,8 @@ class _Limits:
         return given.astype(np.float64, copy=False) if given.shape else np.full(count, given, np.float64)
 
     def check(self, objects: Sequence[Atomic], values: Any) -> tuple[FloatArray, bool]:
-        """The values to take and whether they are those given."""
+        """Return the values to write, and True if they are the given values, unchanged. Raises RangeError if a value is
+        refused."""
         numbers = self.numbers(values)
         above, below = np.greater_equal(numbers, self.minimum), np.less_equal(numbers, self.maximum)  # False for NaN
         if above.tobytes() == self.all_true and below.tobytes() == self.all_true:  # a tenth of the time of all()
@@ -251,7 +253,7 @@ def _likeness(item: Atomic) -> str:
 
 
 def _as_slice(slots: list[int]) -> slice | IntArray:
-    """A slice where the stride is constant (numpy then makes no copy), otherwise the indices."""
+    """Return a slice if the stride is constant, because numpy then makes no copy; otherwise return the indices."""
     steps = {b - a for a, b in pairwise(slots)} or {1}
     if len(steps) == 1 and (step := steps.pop()) > 0:
         return slice(slots[0], slots[-1] + 1, step)

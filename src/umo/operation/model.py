@@ -63,7 +63,7 @@ class StateModel:
 
 
 def title(state: IntEnum) -> str:
-    """Return the name of a state as it is shown: `unholding`."""
+    """Return the name of a state as it is shown, such as `unholding`."""
     return state.name.lower().replace("_", " ")
 
 

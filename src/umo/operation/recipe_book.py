@@ -21,9 +21,10 @@ class RecipeBook(Generic[R]):
     """The recipes of a compound, made in its `setup`: `self.book = RecipeBook(Batch, FOLDER)`.
 
     The recipes are read when the object is made; after that no file is read. Raises RecipeError if one of them is
-    invalid. A client chooses another recipe by the action `choose`. The program gets this recipe from its next call of
-    `next()`, never within a batch. Frames show the recipe that was begun last and the chosen one (`begun`, `choice`).
-    The choice is kept over a restart by the name of the recipe, except for a recipe whose values a client has sent.
+    invalid. A client chooses another recipe by the action `choose`. The program gets this recipe with its next call of
+    `next()`, so the recipe never changes within a batch. Frames show the recipe that was begun last and the chosen one
+    (`begun`, `choice`). The choice is kept across a restart by the name of the recipe. The choice of a recipe whose
+    values a client has sent is not kept.
     """
 
     def __init__(self, kind: type[R], place: Path) -> None:
@@ -36,7 +37,7 @@ class RecipeBook(Generic[R]):
         self.chosen: R | None = None
         """The recipe that a client has chosen; None means that the program chooses."""
         self.begun = 0
-        """The number of `current` (`number_of`)."""
+        """The number of the recipe in `current` (see `number_of`)."""
         self._choice = 0
         self._by_number: dict[int, R | None] = dict(enumerate([None, *self.recipes.values()]))
         self.numbers = {
@@ -48,7 +49,8 @@ class RecipeBook(Generic[R]):
 
     @property
     def choice(self) -> int:
-        """The number of `chosen`. Raises RangeError if it is set to a recipe whose values are not known."""
+        """The number of the chosen recipe (`chosen`). Raises RangeError if the number is set to that of a recipe whose
+        values are not known."""
         return self._choice
 
     @choice.setter

@@ -19,8 +19,8 @@ _PLAIN = {float, int, bool, str}
 
 
 def value_for(hint: Any, given: Any, *, units: bool = True) -> Any:
-    """Return the value in this type. Raises RangeError, StateError or DeclarationError if it is not valid. `units`:
-    whether a number may be a string with a unit. The first use of a unit takes 1 ms."""
+    """Return the value, converted to the type in `hint`. Raises RangeError, StateError or DeclarationError if it is not
+    valid. `units`: whether a number may be a string with a unit. The first use of a unit takes 1 ms."""
     return _value(*parts_of(hint), given, units)
 
 
@@ -84,7 +84,7 @@ def _items(kind: Any, origin: Any, limits: Range | None, given: Any, units: bool
 
 
 def _member(kind: type[Enum], given: Any) -> Enum:
-    """The member of that name, or with that text as its value."""
+    """Return the member with this name, or with this text as its value."""
     for each in kind:
         if isinstance(given, str) and given in (each.name, each.name.lower(), each.value):
             return each
@@ -105,7 +105,7 @@ def _number(kind: type, limits: Range, given: Any, units: bool) -> float | int:
 
 
 def _converted(text: str, unit: str) -> float:
-    """The number of a text such as "1.5 min", in this unit."""
+    """Return the number that a text such as "1.5 min" stands for, in this unit."""
     match = _MEASURE.fullmatch(text[:200])
     if match is None or not unit:
         what = f'a number in {unit}, or a string such as "1.5 {unit}"' if unit else "a number"

@@ -37,7 +37,7 @@ class Recipe:
             hold: Annotated[float, Number("s", 0.0, 3600.0)] = 60.0
 
     Types of fields: float, int, bool, str, an Enum, and tuples or lists of one of these. The range of a tuple applies
-    to each of its numbers. A field with a default may be missing in a file; the default is checked as well.
+    to each of its numbers. A field with a default can be left out in a file. The default is checked, too.
     """
 
     name: str
@@ -65,7 +65,8 @@ class Recipe:
 
     @property
     def hash(self) -> str:
-        """The first 12 digits of the SHA-256 of its values, regardless of their order and of the units in its file."""
+        """The first 12 digits of the SHA-256 of the recipe's values. The hash does not depend on the order of the
+        values or on the units in the file."""
         text = json.dumps(self.values, separators=(",", ":"), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -121,8 +122,8 @@ def recipe_from_content(kind: type[R], name: str, content: str) -> R:
 
 
 def read_recipes(kind: type[R], place: Path) -> dict[str, R]:
-    """Return the recipes in a folder (`*.toml`, each one recipe) or in one file (a table each), by name. Raises
-    RecipeError with the errors of all recipes."""
+    """Return the recipes of a folder (one recipe in each `*.toml` file), or of one file (one recipe in each table), by
+    name. Raises RecipeError with the errors of all recipes."""
     recipes: dict[str, R] = {}
     mistakes: list[Mistake] = []
     for file in sorted(place.glob("*.toml")) if place.is_dir() else [place]:
@@ -171,7 +172,7 @@ def describe_fields(kind: type[Recipe]) -> list[dict[str, Any]]:
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:
-    """Return the default as a file would give it; MISSING if there is none."""
+    """Return the default in the form that a file would contain; MISSING if there is no default."""
     if field.default_factory is not dataclasses.MISSING:
         return plain(field.default_factory())
     return plain(field.default)

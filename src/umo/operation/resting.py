@@ -28,8 +28,8 @@ class Resting:
         return self._actuators[0]._image
 
     def begin(self) -> None:
-        """Begin the rest, because the work waits. Values that were kept before are still known. Actuators that a client
-        has taken do not belong to the work."""
+        """Begin the rest, because the work waits. Values that were stored before are kept. Actuators that a client has
+        taken are left out, because the work does not drive them."""
         if not self._actuators:
             return
         image = self._image

@@ -29,7 +29,7 @@ class Supervisor(Protocol):
         in fault."""
 
     def note_faults(self) -> None:
-        """Note that equipment has entered a fault, which may be the equipment around the part. The fault may be cleared
+        """Record that equipment has entered a fault. It may be the equipment around the part. The fault may be cleared
         before the next period. The sequences of the equipment are ended after this call."""
 
     def describe(self) -> Mapping[str, Any]:
@@ -57,7 +57,7 @@ class Supervisors(Capability):
         machine.under_way.noting.append(self.note_faults)
 
     def note_faults(self, faults: Sequence[Equipment]) -> None:
-        """Note that this equipment has entered a fault."""
+        """Record that this equipment has entered a fault."""
         found = [law for each in faults for law in self._within.get(id(each.compound), ())]
         for law in {id(law): law for law in found}.values():
             law.note_faults()
@@ -79,8 +79,9 @@ class Supervisors(Capability):
             equipment.settle()
 
     def _contain(self, law: Supervisor, error: BaseException) -> bool:
-        """Its part fails; False if that is the machine itself. The law is still called while the part is in fault, and
-        its errors are not recorded in every period."""
+        """Put the equipment around the part of the law into fault. Return False if only the machine itself contains the
+        part. The law is still called while the part is in fault, but its errors are then not recorded in every
+        period."""
         equipment = self._machine.equipment
         if self._machine.acting_laws.containing(law.part, error) is None:
             return False

@@ -1,5 +1,5 @@
-"""Checks of a class of states when the class is defined. Without them an error would appear only when the state is
-reached."""
+"""Checks that are made when a class of states is defined. Without these checks an error would appear only when the
+state concerned is reached."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def check_sequences(cls: type, model: StateModel) -> None:
 
 
 def check_excluded(cls: type, model: StateModel, excluded: Mapping[Any, Any]) -> None:
-    """Check the excluded states. Raises DeclarationError for an object that is not a mode or state, and for a state
-    that every mode must have."""
+    """Check the excluded states. Raises DeclarationError for an object that is not a mode or a state, and for an
+    excluded state that every mode must have."""
     led_to = {target for name in (STOP, ABORT, CLEAR) for target in model.commands[name].values()}
     needed = led_to | {model.acting.get(each, each) for each in led_to} | {model.first}
     for mode, states in excluded.items():

@@ -21,7 +21,7 @@ from umo.user_code import attempt, briefly, check_overrides
 MAX_RESULT_TEXT = 100
 """Largest length of a wrong result of `refusal` in its message, in characters."""
 MANUAL_COMMANDS = {STOP: "abort it", ABORT: "", CLEAR: "clear only the fault (`umo do STATION clear`)"}
-"""The commands that are possible while the machine is in manual mode, and what to do instead if one of them waits for a
+"""The commands that are possible in manual mode. For each: what to do instead if the command would have to wait for a
 sequence."""
 
 
@@ -62,7 +62,8 @@ class UnitStates(DeclaredAttributes):
     def __init__(self, part: Compound) -> None:
         self.part = part
         self.path = ""
-        """The path in the machine, such as `filler.unit`. It is known when the machine is connected."""
+        """The path of this object in the machine, such as `filler.unit`. It is known only while the machine is
+        connected."""
         self._state = self.model.first
         self._mode = UnitMode.PRODUCTION
         self.produced = self.rejected = 0
@@ -140,8 +141,8 @@ class UnitStates(DeclaredAttributes):
         return self._asked_refusal(name)
 
     def _refusal_in_manual(self, name: str, target: IntEnum) -> str | None:
-        """Return why a command is refused in manual mode, in which no sequence takes a step. A part is aborted without
-        one; any other command that leads to a sequence would be accepted and not carried out."""
+        """Return why a command is refused in manual mode, or None. In manual mode no sequence takes a step. Abort needs
+        no sequence; any other command that leads to a sequence would be accepted but not carried out."""
         if name not in MANUAL_COMMANDS:
             return "the application waits (`umo do STATION mode` changes it)"
         if name == ABORT or not self._has_sequence(target):
@@ -152,7 +153,7 @@ class UnitStates(DeclaredAttributes):
         return f"its sequence `{sequence}` waits with the application; {change}, or {instead}"
 
     def _has(self, state: IntEnum) -> bool:
-        """True if the mode has a state, and the one that an acting state leads to."""
+        """Return True if the mode has a state and, for an acting state, also the state that follows it."""
         model, excluded = self.model, self.excluded.get(self.mode, ())
         then = state if state is model.execute else model.acting.get(state, state)
         return state not in excluded and then not in excluded
@@ -224,14 +225,14 @@ class UnitStates(DeclaredAttributes):
             self._enter(then)
 
     def note_faults(self) -> None:
-        """Note that equipment has entered a fault, and that its sequences end. This counts even if the fault is cleared
-        before `supervise`."""
+        """Record that equipment has entered a fault and that its sequences end. The part is aborted even if the fault
+        is cleared before the next call of `supervise`."""
         if self._in_fault and self._state is not self.model.aborted:
             self._state, self._task, self._work = self.model.aborted, None, None
             self._tell_state()
 
     def _has_ended(self) -> bool:
-        """True if the work of an acting state is done; it is begun here."""
+        """Begin the work of an acting state if it has not begun. Return True if this work is done."""
         state = self._state
         if state not in self.model.acting:
             return False
@@ -244,7 +245,7 @@ class UnitStates(DeclaredAttributes):
         return self._task is None or self._task.done
 
     def _has_sequence(self, state: IntEnum) -> bool:
-        """True if there is something to do in an acting state."""
+        """Return True if an acting state has a sequence in this mode."""
         return self._is_overridden(state) and state not in self.excluded.get(self.mode, ())
 
     def _is_overridden(self, state: IntEnum) -> bool:
@@ -265,8 +266,8 @@ class UnitStates(DeclaredAttributes):
             work.cancel()
 
     def _rest_or_go_on(self, state: IntEnum) -> None:
-        """Driven outputs go to their defaults on the way to a waiting state, unless the part has a sequence for this;
-        they are restored when the work continues."""
+        """Bring driven outputs to their defaults on the way to a waiting state, unless the part has a sequence for
+        this. Restore the outputs when the work continues."""
         model = self.model
         if state is model.execute:
             self._resting.end()
@@ -276,7 +277,7 @@ class UnitStates(DeclaredAttributes):
             self._resting.begin()
 
     def _fail(self) -> None:
-        """Abort: the part is in fault, its outputs are at their defaults."""
+        """Abort: put the part into fault, which brings its outputs to their defaults."""
         self.part._machine.fail(self.part, TaskFailed("aborted by a command"))
 
     def _tell_state(self) -> None:
@@ -290,6 +291,6 @@ class UnitStates(DeclaredAttributes):
         return {**about, **self.model.describe()}
 
     def _is_possible_in_manual(self, name: str) -> bool:
-        """True if a command needs no sequence, wherever it is given."""
+        """Return True if a command is possible in manual mode and needs no sequence."""
         targets = set(self.model.commands[name].values())
         return name == ABORT or not any(self._is_overridden(target) for target in targets)

@@ -1,5 +1,5 @@
-"""The wiring file: functions that read and check it, and resolve it into objects with drivers and channels. The work of
-a driver with its channels is in `umo.drivers`."""
+"""The wiring file: functions that read and check it, and resolve it into objects with drivers and channels. The drivers
+and the handling of channels are in `umo.drivers`."""
 
 from umo.wiring.resolve import check, resolve
 from umo.wiring.run_options import distribute_options, driver_options

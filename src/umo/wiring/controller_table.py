@@ -35,7 +35,7 @@ def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str
         elif name in found.values():
             source.mistake(f"{key}.{CONTROLLER}", f"{name} already runs another part: one part for each controller")
         elif any(path.startswith(f"{other}.") or other.startswith(f"{path}.") for other in found):
-            source.mistake(key, "is within a part that runs on another controller, or around one")
+            source.mistake(key, "is within a part that runs on another controller, or contains such a part")
         else:
             found[path] = name
             from umo.wiring.schema import Entry

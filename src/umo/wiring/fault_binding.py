@@ -41,7 +41,7 @@ def inject(
     report: Callable[[int, str, str], None],
 ) -> Injection:
     """Put the faults between the machine and its drivers; `report` is called with the number, text and reason of each
-    wrong fault. `drivers`: the drivers by name. `Injection.drivers` of the result has the affected drivers.
+    wrong fault. `drivers`: the drivers by name. `Injection.drivers` of the result contains the affected drivers.
     """
     texts: list[str] = []
     by_driver: dict[int, list[Effect]] = {}
@@ -80,7 +80,7 @@ def _effects_of(
 
 
 class _Binding:
-    """One fault on one wire (None: on a whole driver), with its numbers in raw integers."""
+    """One fault on one wire (None: on a whole driver), with its amounts in raw integers."""
 
     def __init__(self, fault: InjectedFault, wire: Wire | None) -> None:
         self.fault, self.wire = fault, wire
@@ -104,7 +104,7 @@ class _Binding:
         return self._of_levels(about, wire)
 
     def _of_levels(self, about: dict[str, Any], wire: Wire) -> Effect:
-        """A fault that changes raw integers."""
+        """Return the effect of a fault that changes raw integers."""
         kind, binary = self.fault.kind, wire.item._has_states
         if kind == "stuck":
             return effects.Stuck(**about, given=self._level(wire) if self.given else None)
@@ -162,7 +162,7 @@ class _Binding:
         return nearest
 
     def _difference(self, wire: Wire) -> tuple[float, bool]:
-        """A difference of the object's values, or of raw steps (True)."""
+        """Return a difference of the object's values (and False), or of raw steps (and True)."""
         units: str = wire.item.units  # type: ignore[attr-defined]
         end = "/s" if self.fault.kind == "drift" else ""
         number, unit = self._number(what := f'an amount; write for example "5 {units}{end}", or "5{end}" for raw steps')
@@ -172,15 +172,15 @@ class _Binding:
         return (convert(number, unit, units) - convert(0.0, unit, units), False) if unit else (number, True)
 
     def _amount(self, wire: Wire) -> tuple[float, Shift]:
-        """A difference, and how it is added to a raw integer."""
+        """Return a difference, and the function that adds it to a raw integer."""
         if not self.given:
             return PARTS[self.fault.kind] * (wire.calibration.maximum - wire.calibration.minimum), _by_value(wire)
         number, steps = self._difference(wire)
         return number, _by_steps(wire) if steps else _by_value(wire)
 
     def _beyond(self, wire: Wire) -> int:
-        """A raw integer of the channel whose value is above the range. Without an amount the next one that the channel
-        has."""
+        """Return a raw integer of the channel whose value is above the range. Without a given amount it lies a tenth of
+        the range above, or as far as the channel allows."""
         if not self.given:  # of the electrical range
             low, high = wire.ends
             top, wanted = (
@@ -204,7 +204,7 @@ class _Binding:
         return wanted
 
     def _no_state(self, wire: Wire) -> int:
-        """A raw integer of a binary object's channel that is neither 0 nor 1."""
+        """Return a raw integer of a binary object's channel that is neither 0 nor 1."""
         if self.given:
             raise DeclarationError(f"{wire.path} is binary: its level beyond the range is 2, not {self.given!r}")
         if wire.channel.highest < 2:
@@ -213,7 +213,7 @@ class _Binding:
 
 
 def _carried(wire: Wire) -> str:
-    """The channel, with the levels that it can have."""
+    """Return the channel as text, with the levels that it can have."""
     channel = wire.channel
     lowest, highest = limited(-inf, channel), limited(inf, channel)
     low, high = sorted((wire.value(lowest), wire.value(highest)))

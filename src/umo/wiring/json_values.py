@@ -10,8 +10,8 @@ from umo.drivers.faults.fault_syntax import InjectedFault
 
 
 def as_plain(value: Any) -> Any:
-    """Return plain data for an Enum, a Path or a fault among options, from which the receiver makes the object again.
-    Raises TypeError for anything else (`json.dumps(default=as_plain)`)."""
+    """Return plain data for an Enum, a Path or a fault among the options. The receiver makes the object again from
+    these data. Raises TypeError for anything else (`json.dumps(default=as_plain)`)."""
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Path | InjectedFault):

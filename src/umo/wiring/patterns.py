@@ -4,8 +4,8 @@
     "zones.*.gain" = 2.0
 
 A `*` stands for one part of a path: an index of a list, a key of a dict, a name. In the channel `{}` is `(start + n) *
-stride + offset`, where n counts the objects that match from 0 in declared order; by default it is n. An entry for a
-single path takes precedence over a pattern, but its object is still counted.
+stride + offset`, where n is the index (from 0) of the object among the matching objects in declared order. By default
+`{}` is n. An entry for a single path takes precedence over a pattern, but its object is still counted.
 """
 
 from __future__ import annotations
@@ -77,9 +77,9 @@ def _allotted(
     missing: str,
     done: str,
 ) -> dict[str, dict[str, int]]:
-    """The names that each pattern wires, each with its number among the matching names; names with a line of their own
-    (`singles`) are left out. A pattern that matches none, or what another one stands for, is a mistake (of this
-    `key`)."""
+    """Return the names that each pattern wires, each with its index among the matching names. Names with a line of
+    their own (`singles`) are left out. It is a mistake (reported under `key`) if a pattern matches no name, or a name
+    that another pattern wires."""
     origin: dict[str, str] = {}
     allotted: dict[str, dict[str, int]] = {}
     twice: dict[tuple[str, str], list[str]] = {}
@@ -118,7 +118,7 @@ def _check_numbering(source: WiringSource, path: str, entry: Entry, single: bool
     if given and single:
         source.mistake(f'wire."{path}".{given[0]}', f"can only be used with patterns such as {generalised(path)!r}")
     elif given and NUMBER not in (entry.channel or ""):
-        source.mistake(f'wire."{path}".{given[0]}', f"numbers the channel, which has no {NUMBER}")
+        source.mistake(f'wire."{path}".{given[0]}', f"has no effect, because the channel contains no {NUMBER}")
 
 
 def _numbered(entry: Entry, number: int) -> Entry:

@@ -74,7 +74,8 @@ def _hang_timeout(source: WiringSource, hang: float | None, wired: Wired) -> flo
 
 
 def _check_busy_wait(source: WiringSource, busy_wait: float | None, wired: Wired) -> None:
-    """A process that never sleeps keeps others from its core, and is throttled (sched(7))."""
+    """Check the time of busy waiting. A process that never sleeps keeps other processes from its core, and is throttled
+    (sched(7))."""
     if not busy_wait:
         return
     if wired.period is None:
@@ -98,9 +99,9 @@ def remarks(wired: Wired) -> list[str]:
 
 
 def longest_period(wired: Wired) -> float:
-    """Return the longest duration of a period in s, for the case that every call of a driver times out: a block
-    transfer for each driver and direction, also for each part with another rate, and a call for each asynchronous
-    object. No period waits for a driver off the cycle."""
+    """Return the longest duration of a period in s, for the case that every call of a driver times out: one block
+    transfer for each driver and direction, further ones for each part with another rate, and one call for each
+    asynchronous object. No period waits for a driver off the cycle."""
     calls = {
         (
             id(wire.driver),

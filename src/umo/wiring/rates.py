@@ -18,7 +18,7 @@ from umo.objects import Compound, Node, atoms
 MACHINE_RATE = -1
 """The value in place of a part's number for an object that runs at the machine's rate."""
 MAX_PHASES = 1000
-"""The largest number of phases from which one is chosen."""
+"""The largest number of phases from which the phase of a part is chosen."""
 TOLERANCE = 1e-6
 """Permitted deviation of a period from a multiple, as a share of the period."""
 
@@ -78,7 +78,8 @@ def rates_of(root: Compound, period: float | None, mistake: Callable[[str], obje
 
 
 def _multiple(part: Compound, period: float | None, mistake: Callable[[str], object]) -> int | None:
-    """The number of periods; None if its class does not say, or nothing that fits."""
+    """Return the number of periods that the class of a part declares; None if the class declares none, or none that
+    fits."""
     given = part._settings.every
     if not isinstance(given, str):
         return given
@@ -99,8 +100,8 @@ def _multiple(part: Compound, period: float | None, mistake: Callable[[str], obj
 
 
 def _spread(parts: Sequence[tuple[Compound, int]]) -> Iterator[Rate]:
-    """Give each part the first of the phases in which it meets the least: parts of n and m periods meet if their phases
-    are the same modulo the greatest common divisor of n and m."""
+    """Give each part the first of those phases in which it meets the fewest other parts. Parts of n and m periods meet
+    if their phases are equal modulo the greatest common divisor of n and m."""
     placed: dict[int, Counter[int]] = {}
     """The objects in each phase, by the number of periods."""
     for part, every in parts:

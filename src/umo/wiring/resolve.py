@@ -1,4 +1,4 @@
-"""Checks a wiring against its machine and resolves it: used by `umo check` and `connect`.
+"""The check of a wiring against its machine, and its resolution. `umo check` and `connect` use it.
 
 All errors are found in one run, each with its file and key.
 """
@@ -102,7 +102,7 @@ class _Resolver:
         self.drivers: dict[str, Driver | None] = {}
         self.tables: dict[str, DriverTable] = {}
         self.hardware: dict[str, tuple[str, ...]] = {}
-        """The devices of each driver that has any."""
+        """The devices of each driver that has devices."""
         self.used_places: dict[tuple[type, str, Hashable], str] = {}
 
     def run(self) -> tuple[Wired, list[Mistake]]:
@@ -177,8 +177,8 @@ class _Resolver:
         return watchdogs
 
     def _shortest_period(self, name: str, period: float | None) -> float | None:
-        """The period in s in which a driver is used: that of the fastest of its outputs, which feed its watchdog, or of
-        all its objects if it has none."""
+        """Return the shortest period in s in which a driver is used: the period of the fastest output, because outputs
+        feed the watchdog; for a driver without outputs, that of the fastest object."""
         items = [
             self.items[path]
             for path, entry in self.source.entries.items()
@@ -233,13 +233,13 @@ class _Resolver:
         return None
 
     def _own_module(self, kind: str) -> str:
-        """A hint for a module that was meant to be the station's own."""
+        """Return a hint if a module of the station was probably meant."""
         folder = station_of(Path(self.source.file))
         own = folder is not None and (folder / f"{kind.partition(':')[0]}.py").is_file()
         return f"; for a module of the station write {'.' + kind!r}" if own else ""
 
     def _hardware(self, drivers: dict[str, Driver[Any]]) -> dict[str, tuple[str, ...]]:
-        """The devices that each driver takes."""
+        """Return the devices that each driver uses."""
         found = {}
         for name, driver in drivers.items():
             try:
@@ -333,7 +333,8 @@ class _Resolver:
         self.source.mistake(f'wire."{path}".driver', f"{what}, {why}; wire both to one driver")
 
     def _circuits(self, driver: str) -> Sequence[str]:
-        """Two drivers of one device share its places."""
+        """Return the devices of a driver; for a driver without devices, its name. Two drivers of one device share its
+        places."""
         return self.hardware.get(driver, (driver,))
 
     def _circuits_of(self, wire: Wire) -> Sequence[str]:
@@ -353,7 +354,8 @@ class _Resolver:
             self.source.mistake(f"{key}.channel", f"is {kind}, but channel {channel.text!r} is {has}")
 
     def _calibration(self, key: str, item: Digital, entry: Entry) -> Calibration:
-        """The declared range and scale with the entry's overrides; a range may be narrowed, never widened."""
+        """Return the declared range and scale with the overrides of the entry. An entry can narrow a range, but not
+        widen it."""
         declared = item.calibration
         override = {name: value for name in declared._fields if (value := getattr(entry, name)) is not None}
         if entry.linearization is not None:
@@ -381,7 +383,8 @@ class _Resolver:
         return calibration
 
     def _linearization(self, key: str, item: Digital, given: LinearizationTable, calibration: Calibration) -> Any:
-        """The entry's over the range of this calibration, None for an empty one; the declared one if it is faulty."""
+        """Return the linearization of the entry, prepared for the range of this calibration; None if the entry's table
+        is empty. If it is faulty, return the declared linearization."""
         declared = item.linearization
         if given.is_empty:
             return None
@@ -431,7 +434,7 @@ class _Resolver:
             self.source.mistake(key, f"{bits} is more than the {channel.bits} bits of channel {channel.text!r}")
 
     def _check_scale(self, key: str, item: Digital, wire: Wire) -> None:
-        """Against the scale that the circuit itself gives, if it gives one."""
+        """Check the scale against that of the circuit, if the circuit reports a scale."""
         try:
             given = scale_of(wire.driver, wire.channel)
         except Exception as error:  # of the driver's code
@@ -471,7 +474,7 @@ class _Resolver:
         return wired.period
 
     def _inject(self, wires: list[Wire], drivers: dict[str, Driver[Any]], timer: Atomic | None) -> Injection | None:
-        """Put the faults that are asked for in front of their drivers."""
+        """Put the requested faults between the machine and its drivers."""
         given, seed = self.given.get(FAULT, ()), self.given.get(FAULT_SEED, self.source.seed)
         given = [given] if isinstance(given, str | InjectedFault) else list(given)
         faults = [*self.source.injected, *given]
@@ -491,14 +494,15 @@ class _Resolver:
         return injection
 
     def _not_injected(self, written: int, number: int, text: str, why: str) -> None:
-        """A fault that cannot be injected; the first ones are `written` in the wiring, the others were given."""
+        """Report a fault that cannot be injected. The first `written` faults are those of the wiring; the others were
+        given as options."""
         if number < written:
             self.source.mistake("faults", f"fault {text!r}: {why}")
         else:
             self.source.mistakes.append(Mistake(f"{FAULT_OPTION}{text!r}", "", why))
 
     def _pace(self, wires: list[Wire], timer: Atomic | None) -> bool:
-        """Bring the timer's wire to real time; False if its driver runs in real time by itself."""
+        """Let the timer's wire keep the pace of real time. Return False if its driver runs in real time by itself."""
         from umo.drivers.paced import PacedTimer
 
         if self.realtime is not True:
@@ -521,7 +525,7 @@ class _Resolver:
                 self.source.mistake('wire."timer".period', f"{duration(every * period)}{times} is {why}")
 
     def _check_time(self, wired: Wired) -> None:
-        """Virtual time runs as fast as possible: it is refused together with hardware."""
+        """Refuse virtual time together with hardware, because virtual time runs as fast as possible."""
         if wired.timer is not None and wired.period is not None and wired.hardware and not wired.realtime:
             name, devices = next(iter(wired.hardware.items()))
             timer = self.source.entries["timer"].driver
@@ -532,7 +536,7 @@ class _Resolver:
             )
 
     def _check_plants(self) -> None:
-        """Time would stand still in a plant that is not the timer."""
+        """Refuse a plant that is not the timer, because no time would pass in it."""
         wired = self.source.entries.get("timer")
         timer = self.drivers.get(wired.driver) if wired is not None else None
         if wired is None or timer is None:
@@ -547,7 +551,8 @@ class _Resolver:
                 )
 
     def _parameters(self) -> list[Parameter]:
-        """The numbers that the wiring sets; a range that may depend on fields is checked when these are set."""
+        """Return the numbers that the wiring sets. A range that may depend on fields is checked when the fields are
+        set."""
         known = {path: each for path, each in numbers_of(self.root).items() if each.settable}
         found: list[Parameter] = []
         for key, values in expand_parameters(self.source, known).items():
@@ -557,7 +562,8 @@ class _Resolver:
         return found
 
     def _parameter(self, known: Mapping[str, MachineNumber], path: str, value: Any, found: list[Parameter]) -> str:
-        """The fault of a number that is set to this value; "" and one more of those found if it has none."""
+        """Return the mistake in setting a number to this value. If there is none, add the parameter to `found` and
+        return ""."""
         if path not in known:
             late = path in SECTIONS
             hint = f"; put {path} before the first table" if late else self.source.near(path, known)
@@ -572,14 +578,14 @@ class _Resolver:
 
 
 def _is_count(wire: Wire) -> bool:
-    """True if the value of a sensor is its raw integer, whatever that is."""
+    """Return True if the value of a sensor is its raw integer, unscaled and not conditioned."""
     item = wire.item
     conditioned = item._incremental or item._filter is not None or item._velocity is not None
     return wire.calibration[2:] == LEVEL[2:] and not conditioned
 
 
 def _fault_of_period(period: float, node: Node) -> str:
-    """The fault of such a period for the object; empty if it fits."""
+    """Return why the period does not fit the object; empty if it fits."""
     if isinstance(node, Compound) and node._settings.max_period is not None:
         longest = seconds(node._settings.max_period)
         if period > longest * (1 + 1e-9):

@@ -75,7 +75,8 @@ def driver_options(wiring: WiringText | None) -> dict[str, tuple[str, inspect.Pa
 
 
 def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Parameter]], bool]:
-    """And whether they are those of all drivers: the wiring was read, and each driver found."""
+    """Return the options of the drivers, and True if these are the options of all drivers, that is, if the wiring could
+    be read and every driver was found."""
     source = read(wiring)
     complete = not source.mistakes
     types = {name: table.get("type", name) for name, table in source.drivers.items()}

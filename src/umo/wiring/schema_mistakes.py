@@ -53,7 +53,7 @@ def mistakes_of(
 
 
 def _keys_within(types: Mapping[str, Any], where: list[str]) -> list[str]:
-    """The keys of a table in an option, by the option's type, such as dict[str, SomeTypedDict] | None."""
+    """Return the keys of a table in an option, found by the option's type, such as dict[str, SomeTypedDict] | None."""
     found = types.get(where[0])
     for name in where[1:]:
         found = types_of(found).get(name) or next(iter(get_args(_given(found))[-1:]), None)
@@ -71,6 +71,6 @@ def types_of(annotation: Any) -> dict[str, Any]:
 
 
 def _given(annotation: Any) -> Any:
-    """The type of an option that may be None."""
+    """Return the type of an option without None."""
     is_union = get_origin(annotation) in (UnionType, Union)
     return next(each for each in get_args(annotation) if each is not NoneType) if is_union else annotation

@@ -178,7 +178,8 @@ def settings_of(
 
 
 def changed(given: S, changes: Mapping[str, Any] | None, section: str = "") -> S:
-    """Return the settings; settings of a command line that are not None replace them. Raises SettingsError."""
+    """Return the settings, in which the settings of a command line that are not None replace the given ones. Raises
+    SettingsError."""
     wanted = {key: value for key, value in (changes or {}).items() if value is not None}
     found: Any = settings_of(type(given), wanted, COMMAND_LINE, section)
     settings: Any = given
@@ -235,13 +236,13 @@ def settings_in(kind: type[S], data: bytes, file: Path) -> S:
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """A pipe in the file's place does not block."""
+    """Open a file without waiting: a pipe in place of the file does not block."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 @cache
 def _model(kind: Any) -> Any:
-    """The model of pydantic for a dataclass."""
+    """Return the model of pydantic for a dataclass."""
     from pydantic import ConfigDict, create_model
 
     hints = hints_of(kind)
@@ -254,7 +255,7 @@ def _model(kind: Any) -> Any:
 
 
 def _checked(hint: Any) -> Any:
-    """What pydantic checks a key with: a table within a table is a dataclass too."""
+    """Return the type with which pydantic checks a key. A table within a table is a dataclass, too."""
     if not (isinstance(hint, type) and dataclasses.is_dataclass(hint)):
         return hint
     from pydantic import AfterValidator

@@ -21,8 +21,8 @@ SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed", 
 CONTROLLER = "controller"
 """Key of a line of `[wire]` for a part that runs on a controller."""
 MAX_SUGGESTIONS = 10
-"""Largest number of wrong names for which the nearest name is searched: a search among a hundred takes 20 ms, and a
-generated file may have a thousand wrong names."""
+"""Largest number of wrong names for which the nearest name is searched. A search among a hundred names takes 20 ms, and
+a generated file may contain a thousand wrong names."""
 
 
 @dataclass
@@ -37,7 +37,7 @@ class WiringSource:
     """Paths of the entries that are faulty."""
     drivers: dict[str, dict[str, Any]] = field(default_factory=dict)
     controllers: dict[str, Any] = field(default_factory=dict)
-    """The controller of each part that runs on one, by path (`umo.wiring.controller_table`)."""
+    """The controller of each part that runs on a controller, by path (`umo.wiring.controller_table`)."""
     parameters: dict[str, Any] = field(default_factory=dict)
     process: dict[str, Any] = field(default_factory=dict)
     faces: dict[str, Any] = field(default_factory=dict)
@@ -128,7 +128,8 @@ def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
 
 
 def _named(table: Mapping[Any, Any]) -> dict[str, Any]:
-    """The table with texts for keys throughout, as TOML has them: `{"axes": {0: ...}}`."""
+    """Return the table with strings as keys in all inner tables, as in TOML; a mapping such as `{"axes": {0: ...}}` has
+    other keys."""
     return {str(key): _named(value) if isinstance(value, Mapping) else value for key, value in table.items()}
 
 
@@ -157,7 +158,8 @@ def _read_drivers(source: WiringSource, tables: Mapping[str, Any]) -> None:
 
 
 def _absolute(source: WiringSource, name: str, kind: str | Driver) -> str | Driver | None:
-    """`.plant:Plant` is a class in a module of the station that has this wiring. None if there is not one."""
+    """Return the absolute name of a class such as `.plant:Plant`, which is in a module of the wiring's station. None if
+    there is no station, or if it cannot be imported."""
     if isinstance(kind, Driver) or not kind.startswith("."):
         return kind
     folder = station_of(Path(source.file))
@@ -199,7 +201,8 @@ def _read_entry(source: WiringSource, path: str, table: Any) -> None:
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Entries by path, whether written `"z.motor" = {...}`, `z.motor = {...}` or `[wire."z.motor"]`."""
+    """Return the entries by path, in whichever form they are written: `"z.motor" = {...}`, `z.motor = {...}` or
+    `[wire."z.motor"]`."""
     for key, value in table.items():
         path = f"{prefix}{key}"
         if isinstance(value, Mapping) and value and all(isinstance(item, Mapping) for item in value.values()):

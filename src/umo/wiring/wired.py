@@ -74,7 +74,7 @@ class Wire:
 
     @property
     def exact(self) -> bool:
-        """True if the raw integer nearest to any value of an actuator's range stands for a value in the range."""
+        """True if, for every value of an actuator's range, the nearest raw integer stands for a value in the range."""
         scale, (minimum, maximum) = self.scale, self.ends
         ends = to_raw(minimum, *scale), to_raw(maximum, *scale)
         return (min(ends), max(ends)) == raw_bounds(minimum, maximum, *scale)
@@ -101,7 +101,7 @@ class Wire:
         return self.raw(self.item._default_value()) if isinstance(self.item, Actuator) else None
 
     def nearest(self, value: float) -> int:
-        """Return the raw integer nearest to a value, also outside the range."""
+        """Return the raw integer nearest to a value, even if it lies outside the range."""
         return to_raw(value if self.linearization is None else self.linearization.to_input(value), *self.scale)
 
     def value(self, raw: int) -> float:
@@ -157,9 +157,9 @@ class Parameter(NamedTuple):
 def apply_parameters(
     root: Compound, parameters: Iterable[Parameter], undo: Callable[[Callable[[], object]], object]
 ) -> None:
-    """Set the parameters: first the fields, from which `setup` may make control laws, then the numbers of the laws.
-    `undo` is called with a function for each parameter that restores it. Raises DeclarationError if `setup` or a law
-    does not accept the parameters."""
+    """Set the parameters: first the fields, from which `setup` may make control laws, then the numbers of the laws. For
+    each parameter, `undo` is called with a function that restores its earlier value. Raises DeclarationError if `setup`
+    or a law does not accept the parameters."""
     each = sorted(parameters, key=lambda parameter: not parameter.number.is_field)
     fields = [parameter for parameter in each if parameter.number.is_field]
     for number, value in fields:
@@ -219,8 +219,8 @@ class ProcessSettings:
     """Time in s without a finished period after which the process counts as hanging. Default: 20 periods, at least
     0.1 s, and above the sum of the timeouts of one period."""
     reset_for: float = 10.0
-    """The time in s for which the guardian retries to reach a device that does not answer. Then the guardian tries each
-    actuator that it has not tried yet once, for at most the same time again."""
+    """The time in s for which the guardian retries to reach a device that does not answer. After that, the guardian
+    tries each actuator that it has not tried yet exactly once, for at most the same time."""
     priority: int = 80
     """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at a priority that is higher by
     one."""
@@ -228,14 +228,13 @@ class ProcessSettings:
     """The core of the control process. None means, if SCHED_FIFO is permitted, a core that no other station uses: an
     isolated core if possible, otherwise the last one."""
     busy_wait: float | None = None
-    """Time in s before each tick of a timer in real time (timerfd, `--realtime`) from which the control process waits
-    busily (spins); 0 means that it sleeps until the tick. None means 200 us, but at most half of the period, if
+    """Time in s before each tick of a timer in real time (timerfd, `--realtime`) from which on the control process
+    waits busily (spins). 0 means that it sleeps until the tick. None means 200 us, but at most half of the period, if
     SCHED_FIFO and a core were granted; otherwise 0. With `compile` and a period of at most 100 us, None means the whole
-    period. Only a control process waits busily: `connect` and `umo.run` sleep
-    until the tick."""
+    period. Only a control process waits busily: `connect` and `umo.run` sleep until the tick."""
     outputs: str = AT_ONCE
-    """The time at which `update` of the whole machine sends: "at once", or "at next tick", which means immediately
-    after the next tick, before sampling."""
+    """The time at which `update` of the whole machine sends the outputs: "at once", or "at next tick". The latter means
+    immediately after the next tick, before sampling."""
     compile: bool = False
     """True if the control laws are compiled (`umo.generate.compiled_laws`). Only `umo run` uses it."""
 
@@ -265,8 +264,8 @@ class Wired:
     faces: Mapping[str, Any] = field(default_factory=dict)
     """The table of the station's faces, as written (`umo.clients.faces.face_settings` reads it)."""
     record: Mapping[str, Any] | None = None
-    """The settings of recordings of its runs, as written (`umo.recording.record_settings` reads them); None if they are
-    not recorded."""
+    """The settings of recordings of the machine's runs, as written (`umo.recording.record_settings` reads them); None
+    if the runs are not recorded."""
     controllers: Mapping[str, str] = field(default_factory=dict)
     """The driver of each part that runs on a controller, by path."""
 
