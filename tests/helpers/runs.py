@@ -153,7 +153,7 @@ def until_dead(pid: int) -> None:
 
 
 def standing() -> list[Ended]:
-    """The devices that stand stopped."""
+    """The devices that are locked after an unsafe end."""
     return all_standing()
 
 

@@ -183,7 +183,7 @@ class DeviceRecord:
                     calls.unlink(path)
 
     def stopped(self, what: str, unreached: list[str]) -> None:
-        """Record that the run ended unsafely and the devices stand stopped. Raises OSError if the record cannot be
+        """Record that the run ended unsafely and the devices are locked. Raises OSError if the record cannot be
         written."""
         for device in self._devices:
             self._write(device, "stopped", what, unreached)
@@ -318,7 +318,7 @@ class DeviceClaim:
         self.hold.release()
 
     def stopped(self, what: str, unreached: list[str]) -> str:
-        """Note that the devices stand stopped until somebody acknowledges this. Return a text that says what could not
+        """Record that the devices are locked until somebody acknowledges this. Return a text that says what could not
         be recorded and gives advice; empty if no device was driven."""
         if not self._devices:
             return ""
