@@ -249,7 +249,7 @@ class CompiledLaws(Capability):
         phases.before_laws, self._called = [*([look] if look is not None else []), *others], look
 
     def _was_given(self, fields: BoundFields) -> None:
-        """Note that an object was given a list or an array, so that it is checked before the laws."""
+        """Record that an object was given a list or an array, so that it is checked before the laws."""
         self._waiting.append(fields)
         self._look_first(self._look)
 

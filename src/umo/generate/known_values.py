@@ -293,7 +293,7 @@ class KnownValues:
                 self.attributes[place] = owner, name, found, known
 
     def bind(self, owners: Iterable[Any]) -> None:
-        """Note that these objects have a subclass of their class from now on."""
+        """Record that these objects have a subclass of their class from now on."""
         for owner in owners:
             if id(owner) in self.objects:
                 self.objects[id(owner)].kind = type(owner)

@@ -103,7 +103,7 @@ class Control:
         self._connection: connect[Any] | None = None
 
     def take_note(self, number: int, frame: object) -> None:
-        """Note a signal that requests a stop before the machine is connected. A request of the guardian takes
+        """Record a signal that requests a stop before the machine is connected. A request of the guardian takes
         precedence."""
         if not self._run_state.asked:
             self._run_state.ask(number)

@@ -249,7 +249,7 @@ class RunState:
         self._cells[ADMITTED] = 1
 
     def excuse(self, seconds: float) -> None:
-        """Note the time in s for which other processes kept the control process from running."""
+        """Record the time in s for which other processes kept the control process from running."""
         self._cells[EXCUSED] = round(seconds * 1e9)
 
     @property
@@ -283,7 +283,7 @@ class RunState:
         return _get(self._report)
 
     def conclude(self) -> None:
-        """Note that the guardian resets, records or reports the end from now on: its heartbeats may be far apart."""
+        """Record that the guardian resets, records or reports the end from now on: its heartbeats may be far apart."""
         self.watch()
         self._cells[CONCLUDING] = 1
 
@@ -299,7 +299,7 @@ class RunState:
         self.conclude()
 
     def note_told(self) -> None:
-        """Note that the end is recorded and printed, so that no process takes over any more."""
+        """Record that the end is recorded and printed, so that no process takes over any more."""
         self._cells[TOLD] = 1
 
     @property

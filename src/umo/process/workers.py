@@ -108,7 +108,7 @@ class _Group:
             proxy.exchange.cells[Cell.BEAT] = calls.now_ns()
 
     def note_end(self) -> None:
-        """Note its end, and compute when the next one is forked and how long its outputs remain at their defaults."""
+        """Record its end, and compute when the next one is forked and how long its outputs remain at their defaults."""
         now = calls.now()
         if now - self.begun > STABLE_TIME:
             self.hold = 0.0

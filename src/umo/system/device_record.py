@@ -148,7 +148,7 @@ class DeviceRecord:
         return [each for each in others if not is_held(each.device)]
 
     def _note(self, device: str, before: Iterable[Ended]) -> None:
-        """Note the records of a device, and which of them this run acknowledges."""
+        """Record the records of a device, and which of them this run acknowledges."""
         mine = _own(device)
         self._seen[device] = [*(mine.seen if mine else []), *(ended.id for ended in before if not ended.mine)]
         if mine:
@@ -308,17 +308,17 @@ class DeviceClaim:
             raise
 
     def finish(self) -> None:
-        """Note that every actuator is at its default, after an ordinary end."""
+        """Record that every actuator is at its default, after an ordinary end."""
         self._record.finish()
         self.hold.release()
 
     def abandon(self) -> None:
-        """Note that the machine was not connected: an earlier unsafe end still has to be acknowledged."""
+        """Record that the machine was not connected: an earlier unsafe end still has to be acknowledged."""
         self._record.abandon()
         self.hold.release()
 
     def stopped(self, what: str, unreached: list[str]) -> str:
-        """Note that the devices stand stopped until somebody acknowledges this. Return a text that says what could not
+        """Record that the devices stand stopped until somebody acknowledges this. Return a text that says what could not
         be recorded and gives advice; empty if no device was driven."""
         if not self._devices:
             return ""

@@ -263,7 +263,7 @@ class DeviceServer:
         return True
 
     def _judge(self, rows: IntArray, number: int, raw: int, began: int, cause: str) -> None:
-        """Note that one channel was transferred, or failed."""
+        """Record that one channel was transferred, or failed."""
         if cause:
             self.exchange.set_cause(number, cause)
         else:

@@ -367,7 +367,7 @@ class LoweredAssignments(LoweredSubject):
             self._set_element(target, base, Known(place), each, node)
 
     def _note_assigned(self, target: ast.Subscript) -> None:
-        """Note that elements of an attribute are assigned."""
+        """Record that elements of an attribute are assigned."""
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.f.term(target.value.value), Known):
             self.f.world.memory.assign(owner.value, target.value.attr)
 

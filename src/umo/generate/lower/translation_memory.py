@@ -142,12 +142,12 @@ class TranslationMemory:
         return self.records[key]
 
     def place_known(self, value: Any) -> None:
-        """Note that the numbers of a list or an array are taken as known when the code is generated. No code changes
+        """Record that the numbers of a list or an array are taken as known when the code is generated. No code changes
         them."""
         self.place_arrays(("known", id(value)), value)
 
     def place_arrays(self, place: Hashable, value: Any) -> None:
-        """Note that a field has this value, which may contain lists or arrays."""
+        """Record that a field has this value, which may contain lists or arrays."""
         if isinstance(value, list | np.ndarray):
             self.place_array(place, value)
         if isinstance(value, list | tuple):
@@ -155,7 +155,7 @@ class TranslationMemory:
                 self.place_arrays((place, number), each)
 
     def place_array(self, place: Hashable, value: Any) -> None:
-        """Note that a field has this array or list. If the same array or list is found in another place too, it has
+        """Record that a field has this array or list. If the same array or list is found in another place too, it has
         several names."""
         if (place, id(value)) in self.arrays:
             return
@@ -180,12 +180,12 @@ class TranslationMemory:
         return self.told.setdefault(key, UnknownText.of(key))
 
     def ask_text(self, text: UnknownText) -> None:
-        """Note that the result of a decision in the code depends on this text."""
+        """Record that the result of a decision in the code depends on this text."""
         if text.field is not None:
             self.asked.add(text.field)
 
     def take_text(self, owner: object, name: str, text: UnknownText) -> None:
-        """Note that a text that is not yet a state is assigned to a field. The field is then not a state either, unless
+        """Record that a text that is not yet a state is assigned to a field. The field is then not a state either, unless
         the text becomes one."""
         if text.field is None or text.field in self.made:
             self.made.add((id(owner), name))

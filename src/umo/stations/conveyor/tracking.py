@@ -75,7 +75,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         raise NotImplementedError
 
     def passed(self, part: Part) -> None:
-        """Note that a part has passed the diverter."""
+        """Record that a part has passed the diverter."""
 
     def control(self) -> None:
         if (barriers := (covered(self.entry), covered(self.exit))) != self._barriers:

@@ -250,5 +250,5 @@ class Probe:
         return value
 
     def _note(self, words: str) -> None:
-        """Note what is wrong with the reading of the last call."""
+        """Record what is wrong with the reading of the last call."""
         self.watch.wrong_type = self.watch.wrong_type or f"{self.watch.doing} {words}"

@@ -59,7 +59,7 @@ class RuleContext(OutputObserver):
         """The state of the process before the first driver."""
 
     def begin(self, before: State | None = None) -> None:
-        """Note the state before the first driver. `before`: the earlier state of the process, if a driver was already
+        """Record the state before the first driver. `before`: the earlier state of the process, if a driver was already
         imported."""
         self.before = before or state()
         self.threads = frozenset(threads())
