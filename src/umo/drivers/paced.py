@@ -1,4 +1,4 @@
-"""A timer in virtual time that the real-time clock paces: a plant's tick, or the simulated timer."""
+"""A timer in virtual time, such as a plant's tick or the simulated timer, whose pace is set by the real-time clock."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from umo.drivers.timerfd import TimerFd
 
 
 class PacedTimer(TimerFd):
-    """The timer channel of a driver that runs in virtual time, in real time (the option `realtime` of a run).
+    """A timer channel of a driver that runs in virtual time, slowed down to real time (the option `realtime` of a run).
 
     `read` reads the timer channel of the driver, so that one period passes in the plant, and waits for the wall clock
     like `TimerFd`, so that the computing time of the plant does not delay the period. If the wall clock has missed

@@ -211,7 +211,7 @@ class OffCycle(Wrapper):
         self.exchange.wanted.post(self._wanted)
 
     def _order(self, channel: Channel, call: Order, raw: int | None) -> None:
-        """A call for one channel: of several that were not carried out yet only the last is."""
+        """Order a call for one channel. An earlier order for the channel that was not carried out yet is replaced."""
         number, wanted = self.exchange.place[channel.text], self._wanted
         if raw is not None:
             wanted[Wanted.RAW, number] = raw

@@ -240,7 +240,7 @@ def _texts_of(line: QueryLine | RequestLine) -> Sequence[str]:
 
 
 def _ends_call(error: DriverError) -> bool:
-    """True if the connection is lost with it: the later lines fail too."""
+    """Return True if the connection is lost after this error, so that the later lines fail, too."""
     return not isinstance(error, NoValue)
 
 
@@ -253,7 +253,8 @@ def _check_times(**times: float) -> None:
 def _check_texts(
     greeting: str | None, boot_time: float, ends: tuple[str | None, ...], watchdog_set: str | None
 ) -> None:
-    """Raise WiringError for texts that lack something."""
+    """Check options that are texts. Raises WiringError if one is empty, or lacks another option or a part that it
+    needs."""
     if greeting is not None and not boot_time:
         raise WiringError("greeting needs boot_time: how long it is waited for, in s")
     if "" in ends:

@@ -1,9 +1,9 @@
 """The search for the cause of a missed period in its frames.
 
-A tick is missed between a return of the timer and its next call: in the period before the reporting frame, the loop
-woke late or the work took too long. The part of this period with the largest excess over its usual time shows where the
-time was spent. The usual time is the median of the available periods that ended in time; 0 if there are none. The
-counters of the operating system and of the interpreter show the reason.
+A tick is missed between a return of the timer and its next call. So the cause lies in the period before the reporting
+frame: the loop woke late, or the work took too long. The part of this period with the largest excess over its usual
+time shows where the time was spent. The usual time is the median of the available periods that ended in time; 0 if
+there are none. The counters of the operating system and of the interpreter show the reason.
 """
 
 from __future__ import annotations
@@ -163,12 +163,12 @@ def always_slow(frames: Frames, layout: Layout) -> str:
 
 
 def _medians(parts: PhaseTimes, chosen: npt.NDArray[np.bool_]) -> dict[str, float]:
-    """The median of each part in these rows, in ns; 0 where there are none."""
+    """Return the median of each part in these rows, in ns; 0 if there are no rows."""
     return {name: float(np.median(times[chosen])) if chosen.any() else 0.0 for name, times in parts.items()}
 
 
 def _name(part: str) -> str:
-    """A part of a period as text: `control code of oven`, `driver io (sample)`."""
+    """Return a part of a period as text: `control code of oven`, `driver io (sample)`."""
     kind, _, of = part.partition(" ")
     if kind == CONTROL:
         return f"{CONTROL_CODE}{' of' * bool(of)} {of}".rstrip()
@@ -234,7 +234,8 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
 
 
 def _faulted(counted: dict[str, int], excess: float) -> bool:
-    """True if page faults explain it: from disk; or many; or some, of large pages, and the time went in the kernel."""
+    """Return True if page faults explain the excess: faults that read the disk, or many faults, or some faults (of
+    large pages) if most of the time was spent in the kernel."""
     minor = counted["minor_faults"]
     if counted["major_faults"] or minor * MIN_FAULT_TIME >= FAULT_SHARE * excess:
         return True

@@ -315,7 +315,8 @@ _WITH_PATHS = ("objects", "signals", "actions", "tunables", "equipment", "axes",
 
 
 def _describe_journal() -> dict[str, Any]:
-    """An entry's fields as those of a frame; what its numbers mean."""
+    """Return the description of the fields of an entry, in the form of those of a frame, with the meanings of their
+    numbers."""
     names = {"kinds": Kind, "errors": ErrorKind}
     return _describe_row(ENTRY) | {key: {int(each): each.name for each in kinds} for key, kinds in names.items()}
 
