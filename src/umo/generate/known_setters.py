@@ -59,7 +59,7 @@ class Setting(NamedTuple):
     method: str = ""
     """The name of the method in which `self` is set."""
     is_before: bool = False
-    """True if the method runs before a machine is translated. It counts only if it is called again."""
+    """True if the method runs before a machine is translated. The setting counts only if the method is called again."""
     setup: str = ""
     """The class in whose `setup` this setting is. `setup` runs before the translation if a part of the machine has this
     class."""
@@ -267,8 +267,8 @@ class _ClassUses:
         return setting.method in self._methods or setting.kind in self._values
 
     def is_harmless(self, setting: Setting, name: KnownName) -> bool:
-        """True if an assignment does not change the name: it is a part, which a machine does not give up, or a
-        property, whose setter is called."""
+        """Return True if an assignment does not change the name: the name is that of a part, which a machine does not
+        give up, or that of a property, so that its setter is called."""
         owner = name.owner
         if not setting.base or setting.base in self._classes:
             return False
@@ -286,8 +286,8 @@ def _methods(tree: ast.AST) -> Iterator[tuple[str, str]]:
 
 
 def _values(node: ast.AST, around: ast.AST) -> Iterator[str]:
-    """The last names of classes used otherwise than called, asked for an attribute, or named as a base class or in an
-    annotation."""
+    """Yield the last names in expressions that may be classes used as values. Calls of a class, accesses to its
+    attributes, base classes and annotations do not count."""
     if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
         is_called = isinstance(around, ast.Call) and around.func is node
         if not is_called and not isinstance(around, ast.Attribute | ast.ClassDef | ast.ExceptHandler):

@@ -28,8 +28,8 @@ class KnownWatch:
         changed: Callable[[list[KnownName]], None],
         elsewhere: Sequence[tuple[Any, frozenset[str]]] = (),
     ) -> None:
-        """`elsewhere`: objects and names of attributes that are stored outside the objects: nobody may add them
-        there."""
+        """`elsewhere`: objects, each with the names of attributes that are stored outside the object. No code may add
+        these names to the object itself."""
         self._known, self._changed, self._elsewhere = known, changed, elsewhere
         self.look: Callable[[], bool] = self._changes
         """Returns True if nothing has changed. It is replaced by a faster check after a renewal."""

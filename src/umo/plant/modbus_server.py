@@ -104,7 +104,7 @@ def _mask_write(body: bytes, cells: RegisterCells) -> bytes:
 
 
 def _read_write(body: bytes, cells: RegisterCells) -> bytes:
-    """Write registers, then read registers. Where either is refused nothing has changed."""
+    """Write registers, then read registers. If either is refused, nothing has changed."""
     from_, count = _two_words(body[:4])
     to, written = _two_words(body[4:8])
     size, packed = 2 * written, body[9:]
@@ -178,7 +178,7 @@ class Connection(asyncio.Protocol):
             transport.resume_reading()
 
     def _answer_one(self, transport: asyncio.Transport) -> bool:
-        """Answer the first request; False while it is not whole."""
+        """Answer the first request. Return False while the request is incomplete."""
         buffer = self._buffer
         if len(buffer) < _HEADER.size:
             return False

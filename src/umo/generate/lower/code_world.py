@@ -78,7 +78,7 @@ class TranslatedFunction:
         self.changes: set[Value] = set() if scope is None else scope.aliases.changes
         """Arrays that a call changes in place."""
         self.sole = scope is not None and scope.aliases.sole_result
-        """True if an array that it returns has no other reference."""
+        """True if an array that the function returns has no other reference."""
 
 
 class CodeWorld:

@@ -185,8 +185,8 @@ class TranslationMemory:
             self.asked.add(text.field)
 
     def take_text(self, owner: object, name: str, text: UnknownText) -> None:
-        """Record that a text that is not yet a state is assigned to a field. The field is then not a state either, unless
-        the text becomes one."""
+        """Record that a text that is not yet a state is assigned to a field. The field is then not a state either,
+        unless the text becomes a state."""
         if text.field is None or text.field in self.made:
             self.made.add((id(owner), name))
         elif (id(owner), name) in self.asked:

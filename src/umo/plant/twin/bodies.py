@@ -18,8 +18,9 @@ class Body:
     """A rigid body of the machine: its shapes, and its drives.
 
     `parent`: the name of the body that carries it, or None if it stands in the world. `position` (m) and `rotation` (as
-    `turned` returns it) are relative to the parent while every joint is at 0. `drives`: the joints, each of which acts
-    after the previous one; a colour; a state in which the body is visible; the loads that the body carries.
+    `turned` returns it) are relative to the parent while every joint is at 0. `drives` may contain joints, each of
+    which acts after the previous one, a colour, a state in which the body is visible, and the loads that the body
+    carries.
     """
 
     name: str

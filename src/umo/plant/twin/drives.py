@@ -182,10 +182,10 @@ class Visible:
 
 @dataclass(frozen=True)
 class Carried:
-    """Loads on a belt. While a sensor is in `state`, a load passes it; the load begins at the body's origin, and
-    travels along the axis x of the body with the belt. A load is drawn as a box whose length is computed from the time
-    in front of the sensor. `speed`: the path of the belt's speed. `over`: distance in m after which a load is no longer
-    drawn. `size`: the width (y) and height (z) of a load, m.
+    """Loads on a belt. While a sensor is in `state`, a load passes the sensor. The load begins at the body's origin,
+    and travels with the belt along the x axis of the body. A load is drawn as a box whose length is computed from the
+    time in front of the sensor. `speed`: the path of the belt's speed. `over`: distance in m after which a load is no
+    longer drawn. `size`: the width (y) and height (z) of a load, m.
     """
 
     sensor: str
