@@ -188,7 +188,7 @@ class Plant(Driver[PlantChannel], Reports, MovesInC):
         self._levels[index] = raw
 
     def _claim(self, index: int) -> None:
-        """The z motor listens to the drive that was initialized first, until that one is finalized."""
+        """Connect the z motor to the drive that was initialized first, until that drive is finalized."""
         if self._drive is None:
             self._drive = index
         elif self._drive != index:
@@ -210,7 +210,7 @@ class Plant(Driver[PlantChannel], Reports, MovesInC):
         self._refresh(self._physics)
 
     def _whole_steps(self) -> int:
-        """Physics steps in a period; without a timer (period 0) one."""
+        """Return the number of physics steps in a period; 1 without a timer (period 0)."""
         period = self.period or STEP
         steps = round(period / STEP)
         if steps < 1 or abs(steps * STEP - period) > 1e-9:
