@@ -95,7 +95,9 @@ def _described(file: Path, changed: int) -> Any:
     if not description.fmiVersion.startswith(("2.", "3.")):
         raise WiringError(f"model: {file} is of FMI {description.fmiVersion}; umo runs FMI 2.0 and 3.0")
     if description.coSimulation is None:
-        raise WiringError(f"model: {file} is not for co-simulation; umo does not run other kinds: export it as one")
+        raise WiringError(
+            f"model: {file} is not for co-simulation; umo runs only co-simulation units: export the model again as one"
+        )
     return description
 
 

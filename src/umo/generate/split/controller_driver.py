@@ -255,7 +255,7 @@ class Controller(Driver[Channel], Looks, Capability):
         """Raise DriverError if the host has set a value that the controller takes as known. Then nothing is sent to the
         controller, so that its session ends (`host_timeout`)."""
         if self._watch is not None and not self._watch.look():
-            raise DriverError(f"{self._wrong}; generate it again, or set a number in its place")
+            raise DriverError(f"{self._wrong}; generate the controller again, or set a number in its place")
 
     def _tell_faults(self, state: ControllerState, mirror: PartMirror) -> None:
         """Report faults of equipment in the part, and a fault of the whole part, which on the controller is the

@@ -43,8 +43,8 @@ class Body:
         for colour in self._all(Colour):
             if colour.shape is not None and not 0 <= colour.shape < len(self.shapes):
                 raise DeclarationError(
-                    f"body {self.name!r}: it has {len(self.shapes)} shapes, Colour {colour.path!r} wants "
-                    f"number {colour.shape}"
+                    f"body {self.name!r}: Colour {colour.path!r} names shape number {colour.shape}, but the body has "
+                    f"only {len(self.shapes)} shapes, counted from 0"
                 )
 
     def _all(self, kind: type[Any]) -> list[Any]:

@@ -150,12 +150,12 @@ class Colour:
     def __post_init__(self) -> None:
         if not isinstance(self.colours, Mapping):
             raise DeclarationError(
-                f"Colour {self.path!r}: a mapping of states or numbers to colours, not {self.colours!r}"
+                f"Colour {self.path!r}: `colours` must map states or numbers to colours, not {self.colours!r}"
             )
         for colour in self.colours.values():
             check_colour(f"Colour {self.path!r}", colour)
         if len(self.colours) < 2:
-            raise DeclarationError(f"Colour {self.path!r} has {len(self.colours)} colours; two at least")
+            raise DeclarationError(f"Colour {self.path!r} has {len(self.colours)} colours; it needs at least 2")
 
     def describe(self, values: Values) -> dict[str, Any]:
         stops = sorted((self._place(values, key), colour) for key, colour in self.colours.items())

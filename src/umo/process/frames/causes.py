@@ -159,7 +159,7 @@ def always_slow(frames: Frames, layout: Layout) -> str:
     waited = float(np.median(counts(frames)["run_queue_wait"][late])) if is_slow else 0.0
     if waited < NAMED_SHARE * total:
         return text
-    return f"{text}; for {duration(round(waited * 1e-9, 6))} of that other processes used the core"
+    return f"{text}; for {duration(round(waited * 1e-9, 6))} of this time, other processes used the core"
 
 
 def _medians(parts: PhaseTimes, chosen: npt.NDArray[np.bool_]) -> dict[str, float]:

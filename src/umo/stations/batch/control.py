@@ -264,7 +264,7 @@ class Reactor(
         try:
             await first(empty, held_open(self.drain))
         except TimeExpired:
-            raise DrainingError(f"{self.level.read():.0f} l after {self.draining_time:g} s of draining") from None
+            raise DrainingError(f"{self.level.read():.0f} l left after {self.draining_time:g} s of draining") from None
 
 
 class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms"):

@@ -133,7 +133,7 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
         if look == LOOKS - 1:
             i = wrong[0]
             of = f" in the block {', '.join(texts)}" if len(texts) > 1 else ""
-            why = f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}"
+            why = f"read_many gave {block[i]} for {texts[i]}{of}, but read gave {before[i]} before and after it"
             raise RuleBroken(why, f"reading of {texts[i]} in a block")
         sleep(LOOK_INTERVAL * 2**look)
 

@@ -358,7 +358,7 @@ def _is_fresh(context: RuleContext, probe: Probe, second: Probe | None, output: 
     ends = output.least, output.greatest
     for levels, still, pause, when in (
         (ends, 1, 0.0, "after a step over the whole range"),
-        (None, 1, PAUSE, f"{duration(PAUSE)} after the reading before, though the level had come later still"),
+        (None, 1, PAUSE, f"{duration(PAUSE)} after the previous reading, although the new level had arrived"),
         (None, STILL, 0.0, f"once it had been the same {STILL} times"),
     ):
         if not context.budget.more:

@@ -208,7 +208,7 @@ class LongRun:
             self.context.arrive(None, output, raw)
             if self.context.same(output, raw, found := self.probe.read_many(self.context.readable)[place]):
                 return
-        text = f"a block read {found} of {view}; {output.channel} was brought to {raw} before, and the level has come"
+        text = f"a block read {found} for {view}, although {output.channel} was at {raw} and this level had arrived"
         raise RuleBroken(text, f"earlier reading of {view}")
 
     def _write_all(self, output: Output, raw: int) -> None:

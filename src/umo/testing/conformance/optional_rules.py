@@ -438,7 +438,7 @@ def watchdog(context: RuleContext) -> str | None:
             _check_let_go(context, probe, seconds, "")
             if context.subject.line is not None:
                 _connects_again(context, probe, seconds)
-                _check_let_go(context, probe, seconds, " and connected again since")
+                _check_let_go(context, probe, seconds, ", and the driver has reconnected since")
                 _arms_in_vain(context, probe, seconds)
         finally:
             _arm(probe, 0.0)
@@ -470,7 +470,7 @@ def _check_limits(context: RuleContext, probe: Probe) -> None:
             fails = f"{context.watch.doing} fails: {text_of(error)}"
             raise RuleBroken(f"check_watchdog takes {seconds:g} s, and then {fails}")
         if seconds < 0:
-            raise RuleBroken(f"check_watchdog and watchdog take {seconds:g} s, a time that is over")
+            raise RuleBroken(f"check_watchdog and watchdog accept {seconds:g} s, which is in the past")
 
 
 def _sends_by_itself(context: RuleContext, seconds: float) -> bool:
@@ -534,4 +534,5 @@ def _check_let_go(context: RuleContext, probe: Probe, seconds: float, since: str
         at = some([f"{each.channel} at {each.other()}" for each in outputs])
         armed = f"armed with {duration(seconds)}{since}"
         why = ": the driver sends requests by itself during this time" if sends else ""
-        raise RuleBroken(f"{armed}, still {at} when nothing was called for {duration(WATCHDOG_EXPIRY * seconds)}{why}")
+        silence = f"nothing was called for {duration(WATCHDOG_EXPIRY * seconds)}"
+        raise RuleBroken(f"the watchdog was {armed}, and {silence}, but the outputs are still driven: {at}{why}")

@@ -99,8 +99,8 @@ class OutputObserver(DriverFactory):
         assert self.subject.levels is not None
         if not (found := self.subject.levels(output.channel)):
             raise RuleBroken(
-                f"`levels` of the subject gave no level of {output.channel}; the first is the one at the last call of "
-                "this function, the last the present one: a level that has not moved stands there alone",
+                f"`levels` of the subject gave no level of {output.channel}; the first is the level at the last call "
+                "of this function, the last is the present level; if the output has not moved, there is only one level",
                 RECORD,
             )
         return found
