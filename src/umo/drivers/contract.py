@@ -35,8 +35,8 @@ QUICK_SHARE = 0.01
 """A share of the timeout. If the single transfers of a block end within this time, their timeout is not shortened."""
 
 LEAST_SHARE = 0.01
-"""Least share of the timeout for a single transfer, so that a circuit that answers immediately, such as a simulated
-circuit, does not fail because the computer was busy. A slower circuit times out."""
+"""The least share of the timeout for a single transfer. A circuit that answers immediately, such as a simulated
+circuit, then does not fail because the computer was busy. A slower circuit times out."""
 
 
 class Direction(Flag):

@@ -66,7 +66,7 @@ def ages_of(driver: object, channels: Sequence[Any]) -> Sequence[float] | None:
 
 
 class HasShortForm(ABC):
-    """A driver for which lines of `[wire]` may have `driver = "TYPE:TEXT"` instead of a table of options."""
+    """A driver for which lines of `[wire]` can contain `driver = "TYPE:TEXT"` instead of a table of options."""
 
     @classmethod
     @abstractmethod

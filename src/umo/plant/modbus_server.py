@@ -1,6 +1,6 @@
 """The device's side of Modbus TCP, reduced to the needs of a controller box. The server of pymodbus is not used for
-three reasons: its tables cannot refuse an address next to a mapped coil, it takes 70 us more for each request (a period
-has four), and a box should not consist of the same parts as the driver that is tested with it.
+three reasons. Its tables cannot refuse an address next to a mapped coil. It takes 70 us more for each request, and a
+period has four requests. And a box should not consist of the same parts as the driver that is tested with it.
 """
 
 from __future__ import annotations

@@ -171,7 +171,7 @@ def status_of(failure: BaseException) -> int:
 
 def message_of(failure: BaseException) -> str:
     """Return the failure, its time and its place in one line, and other failures in a second line. Each mistake in a
-    wiring or in recipes, and each device that stands stopped, has a separate line."""
+    wiring or in recipes, and each device that remains stopped, has a separate line."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
     text = str_of(failure)

@@ -104,9 +104,9 @@ def default_busy_wait(period: float, compiled: bool = False) -> float:
 
 
 def prepare_guardian(priority: int, cpu: int | None = None) -> None:
-    """Set the guardian's priority one above the control process, so that an endless loop there cannot block the
-    guardian, and keep the guardian off the core that `prepare` takes with the same arguments. Both are done only if the
-    operating system permits them."""
+    """Set the guardian's priority one above that of the control process, so that an endless loop there cannot block the
+    guardian. Also keep the guardian off the core that `prepare` takes with the same arguments. Both are done only if
+    the operating system permits them."""
     if not sys.platform.startswith("linux"):
         return
     leave_core(choose_core(cpu, use_fifo(priority + 1) is None))

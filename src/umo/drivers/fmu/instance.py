@@ -173,7 +173,7 @@ class FmuInstance:
 
     @property
     def readable(self) -> bool:
-        """True if the variables can be read: if the instance has not failed. It may have ended."""
+        """True if the variables can be read. This is so unless the instance has failed, and also after it has ended."""
         return self.ended or not self.lost
 
     def value(self, variable: Any) -> Any:

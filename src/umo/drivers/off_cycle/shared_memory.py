@@ -86,7 +86,7 @@ class Wanted(IntEnum):
     RAW = 0
     """Outputs: the raw integer to be sent."""
     ORDER = 1
-    """The number of the last order. An order is a call for this channel alone that is carried out once."""
+    """The number of the last order. An order is a single call for this channel only, which is carried out once."""
     CALL = 2
     """The kind of call of the order, an `Order`."""
     GENERATION = 3

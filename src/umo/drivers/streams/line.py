@@ -22,8 +22,8 @@ from umo.errors import DriverError
 Parity = Literal["none", "even", "odd", "mark", "space"]
 Flow = Literal["none", "rtscts", "xonxoff"]
 _RETRY_INTERVAL = 0.02
-"""Time in s after which umo tries again to open a line that another process still holds, such as one of umo that is
-ending."""
+"""Time in s after which umo tries again to open a line that another process still holds, such as a process of umo that
+is ending."""
 
 
 @dataclass(frozen=True)

@@ -52,8 +52,8 @@ class CurrentLearner:
 
 
 class Facts(Generic[K, V]):
-    """The facts about one subject, by key. A lowering that has looked up a fact is invalid once the fact changes. A
-    fact that was not looked up before it was learnt makes nothing invalid."""
+    """The facts about one subject, by key. A lowering that has looked up a fact is invalid once the fact changes.
+    Learning a fact that was not looked up before makes nothing invalid."""
 
     def __init__(self, current: CurrentLearner) -> None:
         self._current = current

@@ -89,9 +89,9 @@ class Evidence:
         """The excess in ns above the usual time from which on a period may have caused a missed tick."""
 
     def explain(self, row: int) -> MissCause:
-        """Return the cause of the periods that were missed at this row. The cause is UNKNOWN if the causing period, or
-        the counts of one of the first two periods, are not available, unless a part of the causing period took longer
-        than a whole period."""
+        """Return the cause of the periods that were missed at this row. The cause is UNKNOWN if the causing period is
+        not available. It is also UNKNOWN if there are no counts for this period, as for the first ones, unless a part
+        of the causing period took longer than a whole period."""
         first, excess, part = row, 0.0, ""
         while first >= 1:
             before = first - 1

@@ -125,7 +125,7 @@ class Ring:
         self.image = image = machine.image
         self._machine = machine
         self._attached = 0
-        """The number of capabilities at the time of the last search for one that takes commands."""
+        """The number of the machine's capabilities when a capability that takes commands was last searched for."""
         self._clients: Commanding | None = None
         self._events = machine.events
         self._told = 0

@@ -95,8 +95,8 @@ def find_elsewhere(name: str) -> Reader | None:
 
 def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
     """Return the runs that a name means; all commands and `umo.attach` use this function. A name means the run with
-    this pid, or else the runs of the station in this folder, or else, unless the name is a path, the runs of stations
-    with this name in any folder."""
+    this pid. If there is none, it means the runs of the station in this folder. If there are none and the name is not a
+    path, it means the runs of stations with this name in any folder."""
     if name.isdigit() and not os.path.isdir(name):
         return [reader for reader in found if str(reader.about["pid"]) == name]
     place = real_path(name)

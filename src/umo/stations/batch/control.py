@@ -1,7 +1,7 @@
 """The control of the batch plant: a reactor makes batches, the charging line weighs their raw materials (charging.py).
-Each reactor and the line are equipment and fail alone. The work of the charging line for a reactor is a sequence of the
-line, which the reactor awaits. If the line fails, both the line and the reactor whose batch is interrupted are in
-fault.
+Each reactor and the line are equipment, so that a fault of one does not stop the others. The line's work for a reactor
+is a sequence of the line, which the reactor awaits. If the line fails, the line and the reactor whose batch is
+interrupted are in fault.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@
 
 Time constants: valves 0.15 s, stirrer 1 s, heater (120 kW) 8 s, thermometer 4 s, scale 0.3 s. Raw materials come at 2.0
 and 1.5 kg/s, the hopper empties at 5 kg/s, a reactor at 4 kg/s. `seed` decides the spread of flows and heaters (5 %),
-and the noise. What `report` says is on no channel.
+and the noise. No channel carries the data of `report`.
 """
 
 from __future__ import annotations

@@ -62,8 +62,8 @@ def conform(
     the process before the driver was imported (`process_snapshot.state`), if more than `make` must be judged.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
-    or a signal. A failed rule does not prevent the others from being tested, unless the driver hangs (a call that
-    returns neither within four times its timeout plus 2 s nor within 3.6 s) or the device no longer answers.
+    or a signal. A failed rule does not prevent the others from being tested, unless the driver hangs or the device no
+    longer answers. A driver hangs if a call has not returned after four times its timeout plus 2 s, and at least 3.6 s.
     """
     with raising_signals():
         return _conform(subject, chosen_rules(only), minutes, cycles, progress, plan, before)

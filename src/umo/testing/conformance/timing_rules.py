@@ -38,8 +38,8 @@ answer. Between the two limits it is twice the short timeout."""
 AT_ONCE = 0.1
 """Time in s after which a call that connects slowly must not have connected yet."""
 SLOW_SHARE, SLOW_FACTOR = 0.85, 5.0
-"""The time of the answers for one channel, as a share of the timeout, and the timeout, as a multiple of the time of a
-transfer."""
+"""SLOW_SHARE: the time of the answers for one channel as a share of the timeout. SLOW_FACTOR: the timeout as a multiple
+of the time of a transfer."""
 SLOWLY_CONNECTED = 1.25
 """Timeout in s of a call that needs about 1 s to connect."""
 CONNECTING_DELAY = 0.1
