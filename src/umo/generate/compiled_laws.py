@@ -156,7 +156,7 @@ def _not_on_columns(translation: Translation) -> Iterator[str]:
 
 
 def _inside(of: CType) -> list[CType]:
-    """The types of the parts of a value of this type."""
+    """Return the types of the parts of a value of this type."""
     if isinstance(of, TupleType):
         return [each for _, each in of.members]
     return [of.of] if isinstance(of, OptionalType | ArrayType) else []

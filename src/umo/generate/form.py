@@ -437,7 +437,7 @@ BODIES = "body", "orelse", "last"
 
 @cache
 def _parts(kind: Any) -> tuple[str, ...]:
-    """The names of the fields of a node class that hold nodes or tuples of nodes."""
+    """Return the names of the fields of a node class that hold nodes or tuples of nodes."""
     return tuple(name for name, hint in get_type_hints(kind).items() if _is_of_nodes(hint))
 
 

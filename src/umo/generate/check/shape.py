@@ -60,7 +60,7 @@ def shaped(program: MachineForm, entry: Iterable[str]) -> MachineForm:
 
 
 def _called(functions: Sequence[FunctionForm], entry: Iterable[str]) -> list[FunctionForm]:
-    """The entry functions and the functions that they call, in their order."""
+    """Return the entry functions and the functions that they call, in their order."""
     by_name = {each.name: each for each in functions}
     found, waiting = set[str](), list(entry)
     while waiting:

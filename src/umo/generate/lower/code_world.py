@@ -377,7 +377,7 @@ class CodeWorld:
         )
 
     def _caught(self, kinds: tuple[type[BaseException], ...]) -> list[str]:
-        """The names of the faults that a handler of these classes catches."""
+        """Return the names of the faults that a handler of these classes catches."""
         names = {n: name for n, (name, _, _) in enumerate(RUNTIME_FAULTS, 1)} | {
             each.number: each.name for each in self.faults
         }

@@ -101,7 +101,7 @@ class PartPlan:
         return crc32("\n".join([*code, self._tables(), str(self.timeout_ticks), str(self.braking_ticks)]).encode())
 
     def _tables(self) -> str:
-        """The table of the fields in C."""
+        """Return the table of the fields in C."""
         members = [each.members() for each in self.fields]
         first = [0]
         for each in members:

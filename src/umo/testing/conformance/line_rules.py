@@ -129,7 +129,7 @@ def _count(requests: Sequence[bytes], alike: Sequence[bytes]) -> int:
 
 
 def _check_refused(context: RuleContext, probe: Probe, opening: list[bytes]) -> None:
-    """A request that the device answers with an error is sent as often as one that it carries out."""
+    """Check that a request which the device answers with an error is sent as often as a request that it carries out."""
     probe.timeout = context.patience
     for text in context.subject.refused:
         for number, call in enumerate(context.refused_calls(probe, text)[::2]):
