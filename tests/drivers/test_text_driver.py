@@ -670,7 +670,9 @@ def test_an_empty_answer_may_be_a_state_unless_empty_lines_are_skipped() -> None
     said = iter([b"\n", b"ON\n", b"NONE\n"])
     with device(lambda line: next(said), channels=channels, identify=None) as (driver, _):
         assert [read(driver, "relay") for _ in range(3)] == [[0], [1], [0]]
-    with pytest.raises(WiringError, match=r'^channels\.relay\.states: "" never comes, as skip_empty_lines = true$'):
+    with pytest.raises(
+        WiringError, match=r'^channels\.relay\.states: "" never arrives, because skip_empty_lines = true$'
+    ):
         Text(host="127.0.0.1", port=1, channels=channels, skip_empty_lines=True)
 
 

@@ -317,7 +317,9 @@ def test_control_code_that_hardly_fits_is_told_before_it_is_late() -> None:
 def test_control_code_that_others_keep_from_running_is_told_so() -> None:
     frames = slow_frames(1.0, control=15.0)
     frames["run_queue_wait"] = np.arange(100) * 9 * MS
-    assert always_slow(frames, TEN_MS).endswith("control code 15 ms; for 9 ms of that other processes used the core")
+    assert always_slow(frames, TEN_MS).endswith(
+        "control code 15 ms; for 9 ms of this time, other processes used the core"
+    )
     assert {verdict.cause for verdict in explain_all(frames, TEN_MS)[2:]} == {Cause.PREEMPTED}
 
 

@@ -504,7 +504,7 @@ def test_a_valve_that_is_away_for_longer_is_a_fault_of_its_reactor() -> None:
                 "reactors.0",
                 "the temperature does not reach 60",
             ),
-            ("reactors.0.drain stuck CLOSED at 230 s for 140 s", "reactors.0", " l after 120 s of draining"),
+            ("reactors.0.drain stuck CLOSED at 230 s for 140 s", "reactors.0", " l left after 120 s of draining"),
             (
                 "line.inlets.0 stuck CLOSED at 5 s for 20 s",
                 "line",

@@ -1,7 +1,7 @@
-"""The drivers of interface circuits, and their contract with umo. A driver knows channels and raw integers, but no
-objects.
+"""The drivers of interface circuits, and their contract with umo. A driver transfers raw integers of channels. It has
+no knowledge of the machine's objects.
 
-This package has the names that a driver needs. The checks of options are in `umo.drivers.option_checks`.
+This package contains the names that a driver needs. The checks of options are in `umo.drivers.option_checks`.
 """
 
 from umo.drivers.contract import UNREAD, Channel, Direction, Driver, IntArray

@@ -1,4 +1,5 @@
-"""The common parts of drivers that transfer blocks: plans of the blocks, and steps of which some may fail."""
+"""The common parts of drivers that transfer blocks: the plans of the blocks, and the steps of a transfer, each of which
+can fail."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ S = TypeVar("S")
 
 
 class Plans(Generic[K, P]):
-    """The plans of groups of channels, each made once. A machine has few groups, but other callers may have many, so
-    the number of plans is limited."""
+    """The plans of groups of channels, each made once. A machine has few groups. Other callers can have many, so the
+    number of plans is limited."""
 
     def __init__(self, make: Callable[[tuple[K, ...]], P]) -> None:
         self._make = make
@@ -74,9 +75,9 @@ def in_turn(
 ) -> None:
     """Carry out the steps of a block one after another. Errors are raised at the end.
 
-    A step that fails does not stop the others: ChannelsFailed then has the texts of its channels. If `is_last` is true
-    for an error, such as a lost connection, all later steps fail with this error, too. The error itself is raised if
-    all steps fail with it. It is raised immediately if it is a timeout, or if there is only one step.
+    A step that fails does not stop the others: ChannelsFailed then contains the texts of its channels. If `is_last` is
+    true for an error, such as a lost connection, all later steps also fail with this error. The error itself is raised
+    if all steps fail with it. It is raised immediately if it is a timeout, or if there is only one step.
     """
     if len(steps) == 1:
         carry_out(steps[0])

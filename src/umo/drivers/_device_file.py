@@ -32,8 +32,8 @@ def opening(path: str) -> Iterator[None]:
 
 
 def explained(path: str, error: OSError) -> str:
-    """Return the text of an error with advice: for a missing file the existing files, for a refused file the group to
-    join, for a busy file the processes that hold it."""
+    """Return the text of an error with advice. For a missing file the text names the existing files; for a refused
+    file, the group to join; for a busy file, the processes that have it open."""
     if error.errno in _MISSING:
         others = similar(path)
         known = f"; there are: {', '.join(others[:_MAX_LISTED])}" if others else "; there is no device of this kind"
@@ -65,8 +65,8 @@ def numbered(folder: Path, stem: str) -> list[Path]:
 
 
 def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str:
-    """Return the device that is named by its number or by one of its names: `there` has the names of each number.
-    Raises DriverError, which lists the existing devices."""
+    """Return the device that is named by its number or by one of its names. `there` contains the names of each number.
+    Raises DriverError, which lists the existing devices, if there is no such device."""
     found = [number for number, names in there.items() if wanted in (number, *names)]
     if len(found) == 1:
         return found[0]
@@ -92,7 +92,7 @@ def text_in(file: Path) -> str:
 
 
 def put(file: Path, value: str) -> None:
-    """Write a small file. Raises DriverError, which names the file."""
+    """Write a small file. Raises DriverError, which names the file, if this fails."""
     try:
         fd = os.open(file, os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC)
         try:
@@ -124,7 +124,8 @@ def _target(link: Path) -> str:
 
 
 def _remedy(path: str) -> str:
-    """The group to join, if its members may read and write the file."""
+    """Return advice for a refused file: to join its group if the members may read and write it, otherwise its
+    permissions."""
     try:
         import grp
 

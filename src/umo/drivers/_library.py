@@ -7,8 +7,9 @@ from typing import Any
 
 
 def library(module: str, name: str) -> Any:
-    """Return the module; None if the library with this name, which the module needs, is not installed. So a wiring can
-    be checked without the library. Use this in constructors, because a guardian has no time for imports in `open`."""
+    """Return the module, or None if the library `name`, which the module needs, is not installed. So a wiring can be
+    checked without the library. Use this function in constructors, because a guardian has no time for imports in
+    `open`."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:

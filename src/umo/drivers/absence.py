@@ -25,7 +25,7 @@ class AbsenceState(Enum):
     """The state of a device."""
 
     THERE = auto()
-    """Nothing is known against the device: it counts as answering."""
+    """No call has failed since the device last answered: the device counts as present."""
     DOUBTED = auto()
     """A call has failed immediately. Calls are made as usual until umo has looked for the device."""
     AWAY = auto()
@@ -82,13 +82,13 @@ class Absence:
         """True if the device is present but refuses calls: it has answered the last look, and calls have failed
         immediately."""
         self._since = inf
-        """Time since which the device is not known to answer."""
+        """The time since which it is not known that the device answers."""
         self._undecided = inf
         """The time since which looks have not decided whether the device answers; inf if the last look has decided
         it."""
         self._interval = FIRST_INTERVAL
         self._accepted = False
-        """True if the device has accepted a part of an initialisation, so that it is present."""
+        """True if the device has accepted a part of an initialisation and is therefore present."""
 
     @property
     def is_away(self) -> bool:
@@ -113,7 +113,7 @@ class Absence:
         self.state, self.began, self.due, self._since = AbsenceState.AWAY, now, now, -inf
 
     def failed(self, now: float, timed_out: bool, write: bool = False, began: float | None = None) -> AbsenceStep:
-        """Note a call that failed for the whole driver, or that timed out. `began`: the time at which the call began,
+        """Record a call that failed for the whole driver, or that timed out. `began`: the time at which the call began,
         if it did not begin now."""
         if self.state is AbsenceState.THERE:
             self.began = self.due = self._since = now if began is None else began
@@ -131,7 +131,7 @@ class Absence:
         return AbsenceStep.REFUSE if self.is_away else AbsenceStep.CALL
 
     def looked(self, now: float, found: bool | None, timeout: float) -> AbsenceStep:
-        """Note the result of a look. None, "not known yet", counts as False after the `timeout` of a call in s, or
+        """Record the result of a look. None, "not known yet", counts as False after the `timeout` of a call in s, or
         after `LONG_ABSENCE` if that is longer."""
         if found is None:
             self._undecided = min(self._undecided, now)
@@ -147,13 +147,13 @@ class Absence:
         return self._try()
 
     def accepted(self) -> None:
-        """Note that the device has accepted a part of an initialisation. The initialisation is tried again soon, but
+        """Record that the device has accepted a part of an initialisation. The initialisation is tried again soon, but
         only once; if it fails each time, the intervals grow."""
         if not self._accepted:
             self._accepted, self._interval = True, FIRST_INTERVAL
 
     def initialized(self, now: float, complete: bool) -> AbsenceStep:
-        """Note that the device was initialised again, completely or not."""
+        """Record that the device was initialised again, completely or not."""
         if not complete:
             return self._wait(now)
         self.was_initialized = True
@@ -165,7 +165,7 @@ class Absence:
         return AbsenceStep.TRY
 
     def _wait(self, now: float) -> AbsenceStep:
-        """Until it is looked for again."""
+        """Treat the device as away until the next look."""
         self.state, self.known = AbsenceState.AWAY, True
         self.due, self._interval = now + self._interval, min(2 * self._interval, self._manner.max_interval)
         return AbsenceStep.REFUSE

@@ -25,7 +25,7 @@ INT64 = np.iinfo(np.int64)
 _LEAST, _GREATEST = int(INT64.min), int(INT64.max)
 UNREAD = -0x7EAD_7EAD_7EAD_7EAD
 """The raw integer of an element of a buffer that the driver has not filled yet. Such an element counts as not read. A
-channel of 64 bits that reads exactly this value, one of 2**64, loses the reading."""
+channel of 64 bits loses a reading that has exactly this value, one of 2**64."""
 
 MAX_DEFAULT_TIMEOUT = 1.0
 """The upper limit of a default timeout in s. A longer timeout must be given in the wiring. The timeouts of a period add
@@ -35,8 +35,8 @@ QUICK_SHARE = 0.01
 """A share of the timeout. If the single transfers of a block end within this time, their timeout is not shortened."""
 
 LEAST_SHARE = 0.01
-"""Least share of the timeout for a single transfer, so that a circuit that answers immediately, such as a simulated
-circuit, does not fail because the computer was busy. A slower circuit times out."""
+"""The least share of the timeout for a single transfer. A circuit that answers immediately, such as a simulated
+circuit, then does not fail because the computer was busy. A slower circuit times out."""
 
 
 class Direction(Flag):
@@ -65,8 +65,8 @@ class Channel:
 
     @property  # a field would make every channel larger, and slower a period of many
     def event(self) -> bool:
-        """True if a write is an event, such as a pulse or a command, and not a level, so that it may happen twice if it
-        is sent twice. Default: False."""
+        """True if a write is an event, such as a pulse or a command, and not a level. An event that is sent twice can
+        happen twice. Default: False."""
         return False
 
     @property
@@ -121,7 +121,7 @@ class Channel:
 
 @cache
 def _limits(bits: int, signed: bool) -> tuple[int, int]:
-    """The smallest and the largest integer with this number of bits, within those of an int64."""
+    """Return the least and the greatest integer with this number of bits, within the limits of an int64."""
     if signed:
         return max(-(1 << (bits - 1)), _LEAST), min((1 << (bits - 1)) - 1, _GREATEST)
     return 0, min((1 << bits) - 1, _GREATEST)
@@ -129,7 +129,7 @@ def _limits(bits: int, signed: bool) -> tuple[int, int]:
 
 @cache
 def _own_fields(cls: Any) -> list[str]:
-    """The names of the fields that a derived class adds."""
+    """Return the names of the fields that a derived class adds."""
     return [field.name for field in fields(cls)[len(fields(Channel)) :]]
 
 
@@ -239,8 +239,8 @@ class Driver(ABC, Generic[C]):
 
 
 def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[int, C], None]) -> None:
-    """A block in single transfers. The timeout is that of the block: each transfer has what those before it have left,
-    and `LEAST_SHARE` of it where nothing is left. ChannelsFailed names the channels that failed without a timeout."""
+    """Transfer a block channel by channel within the block's timeout. Each transfer gets the remaining time, but at
+    least `LEAST_SHARE` of the timeout. Raises ChannelsFailed with the channels that failed without a timeout."""
     failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
     timeout, began = driver.timeout, monotonic()
     quick = began + QUICK_SHARE * timeout

@@ -128,7 +128,7 @@ class Counter(Driver[CounterChannel]):
     # The device ----------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Note that the device is there; one that had gone is initialised again."""
+        """Find the device again if it had gone, and initialise it again. Raises DriverError if it is not open."""
         if not self._is_open:
             raise DriverError("it is not open")
         if self._folder is None:
@@ -171,7 +171,7 @@ class Counter(Driver[CounterChannel]):
             put(folder / "function", self._function)
 
     def _transfer(self, channel: CounterChannel, text: str | None = None) -> str:
-        """Write the file, or read it."""
+        """Write the channel's file, or read it."""
         file = self._files.get(channel)
         if file is None:
             file = self._files[channel] = self._opened(channel)
@@ -228,7 +228,7 @@ class Counter(Driver[CounterChannel]):
 
 
 def _found(device: str) -> Path:
-    """The folder of the counter with this number, name or path."""
+    """Return the folder of the counter with this number, name or path."""
     there = {folder.name: [text_in(folder / "name")] for folder in numbered(DEVICES, "counter")}
     if "/" not in device:
         return DEVICES / one_named("counter", device, there)

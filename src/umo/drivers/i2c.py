@@ -113,7 +113,7 @@ class I2c(RegisterDriver):
             self._limit = self.timeout
 
     def _check_free(self) -> None:
-        """A driver of the kernel may have the chip, and keep it in a state of its own."""
+        """Raise DriverError if a driver of the kernel uses the chip, because it could change the state of the chip."""
         number = os.path.basename(os.path.realpath(self.path)).removeprefix("i2c-")
         link = SYSFS / f"{number}-{self.address:04x}" / "driver"
         try:
@@ -161,7 +161,8 @@ class I2c(RegisterDriver):
         return address.to_bytes(self._address_bits // 8, "big")
 
     def _is_word(self, size: int) -> bool:
-        """Moved as a word of SMBus: on the wire the same as a block of two bytes, the low one first."""
+        """Return True if the value is transferred as a word of SMBus. On the wire this is the same as a block of two
+        bytes, the low byte first."""
         return size == 2 and not (self._auto_increment and self._blocks)
 
     def _check_smbus(self) -> None:

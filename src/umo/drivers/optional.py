@@ -66,12 +66,12 @@ def ages_of(driver: object, channels: Sequence[Any]) -> Sequence[float] | None:
 
 
 class HasShortForm(ABC):
-    """A driver for which lines of `[wire]` may have `driver = "TYPE:TEXT"` instead of a table of options."""
+    """A driver for which lines of `[wire]` can contain `driver = "TYPE:TEXT"` instead of a table of options."""
 
     @classmethod
     @abstractmethod
     def table(cls, text: str) -> Mapping[str, Any] | None:
-        """Return the options that the text stands for, as in a table `[drivers.NAME]`, or None if there is no such
+        """Return the options for which the text stands, as in a table `[drivers.NAME]`; None if the text is not such a
         form."""
 
 
@@ -223,7 +223,7 @@ OPTIONAL: tuple[type, ...] = (
 
 
 def names_of(kind: type) -> list[str]:
-    """Return the names that a class of this module gives a driver."""
+    """Return the names of the functions and attributes that a class of this module adds to a driver."""
     return [name for name in vars(kind) if not name.startswith("_")]
 
 

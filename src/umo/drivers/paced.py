@@ -1,4 +1,4 @@
-"""A timer in virtual time that the real-time clock paces: a plant's tick, or the simulated timer."""
+"""A timer in virtual time, such as a plant's tick or the simulated timer, whose pace is set by the real-time clock."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from umo.drivers.timerfd import TimerFd
 
 
 class PacedTimer(TimerFd):
-    """The timer channel of a driver that runs in virtual time, in real time (the option `realtime` of a run).
+    """A timer channel of a driver that runs in virtual time, slowed down to real time (the option `realtime` of a run).
 
-    `read` reads the timer channel of the driver, so that one period passes in the plant, and waits for the wall clock
-    like `TimerFd`, so that the computing time of the plant does not delay the period. If the wall clock has missed
-    periods, they also pass in the plant. `read` returns the number of periods that the wall clock has missed. On the
-    timer's wire this object takes the place of the driver, but does not open or close it.
+    `read` reads the timer channel of the driver, so that one period passes in the plant. Then it waits for the wall
+    clock like `TimerFd`, so that the computing time of the plant does not delay the period. If the wall clock has
+    missed periods, they also pass in the plant. `read` returns the number of periods that the wall clock has missed. On
+    the timer's wire this object takes the place of the driver, but does not open or close it.
     """
 
     def __init__(self, timer: Driver[Any]) -> None:

@@ -136,7 +136,7 @@ class Spi(RegisterDriver):
         self._exchange(self._framed(address, "write_mask", len(data)) + data)
 
     def _framed(self, address: int, mask: str, size: int) -> bytes:
-        """The command: direction, burst and address."""
+        """Return the bytes of the command: direction, burst and address."""
         burst = self._masks["burst_mask"] if size > 1 else 0
         return (address << self._shift | self._masks[mask] | burst).to_bytes(self._command, "big")
 
@@ -153,7 +153,8 @@ class Spi(RegisterDriver):
 
 
 def _swapped(data: bytes, word: int) -> bytes:
-    """Words as the kernel has them, in the order of the processor; on the wire the highest bit is first."""
+    """Return the data with the bytes of each word in the order of the processor, as the kernel requires. On the wire
+    the highest bit is first."""
     if word == 1 or sys.byteorder == "big":
         return data
     return b"".join(data[i : i + word][::-1] for i in range(0, len(data), word))

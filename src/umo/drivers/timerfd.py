@@ -103,7 +103,7 @@ class Ticker(Grid):  # type: ignore[misc]
         self._owed = 0.0
         """The sleep in ns that the thread should have had by this time but has not had."""
         self._napped = 0
-        """The sleep in ns that the thread has had since this time for this reason."""
+        """The sleep in ns that the thread has had, because it was missing, since `_is_tired` looked last."""
         self._busy_wait = 0
         self._ended = False
         """True if the present wait, or the next one, must end."""
@@ -178,7 +178,7 @@ class Ticker(Grid):  # type: ignore[misc]
             calls.close(file)
 
     def _is_tired(self, now: int) -> bool:
-        """True if the thread should have slept for longer than it has, by more than can be borne."""
+        """Return True if the thread has missed more sleep than it may (`MAX_OWED_SLEEP`)."""
         then = self._looked
         if now - then >= self._look_after:
             used = self._used()
@@ -187,8 +187,8 @@ class Ticker(Grid):  # type: ignore[misc]
         return self._owed - self._napped > self._bearable
 
     def _arm(self, first: int) -> OSError | None:
-        """Let the kernel's timer, if there is one, expire at this time of the clock, and then once per period; the
-        error where it refuses that."""
+        """Let the kernel's timer, if there is one, expire at this time of the clock, and then once per period. Return
+        the error if the kernel refuses this."""
         try:
             if self._fd >= 0:
                 calls.set_timer(self._fd, first, self._nanoseconds)

@@ -20,7 +20,7 @@ class Wrapper(Driver[Any]):
     has, and of those that it names itself. Calls that the wrapper does not handle go to the wrapped driver."""
 
     withheld: ClassVar[tuple[type, ...]] = (MovesInC,)
-    """Classes that a wrapper never derives from, because the driver's transfers in C would bypass it."""
+    """Classes from which a wrapper never derives, because the driver's transfers in C would bypass the wrapper."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         """Define functions for all optional functions of a wrapped driver."""

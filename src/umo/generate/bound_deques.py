@@ -18,9 +18,9 @@ class BoundDeque:
     def __init__(self, memory: StructMemory, fields: DequeFields) -> None:
         self._memory, self._fields, self._held = memory, fields, fields.held
         self._elements: list[Any] = []
-        """The elements when both were last equal."""
+        """The elements of the deque when deque and library were last equal."""
         self._content = b""
-        """The content of the memory at that time."""
+        """The content of the library's memory at the same time."""
 
     def bind(self) -> None:
         """Copy the elements of the deque to the library. Raise ValueDoesNotFit if a field cannot hold them."""

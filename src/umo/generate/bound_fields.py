@@ -15,7 +15,7 @@ from umo.generate.function_source import shown_file
 from umo.generate.struct_memory import PLAIN, WRONG, StructMemory, ValueDoesNotFit, require
 
 OF_ABSTRACT_CLASSES = "_abc_impl", "__abstractmethods__"
-"""Attributes that every class with the metaclass ABCMeta has itself."""
+"""Attributes that every class with the metaclass ABCMeta has of its own."""
 
 
 def _references() -> int:
@@ -137,8 +137,8 @@ class BoundFields:
         refused: Callable[[str], None],
         taken: frozenset[str] = frozenset(),
     ) -> None:
-        """`states`: the fields that compiled code assigns; `taken`: names of other attributes whose values it takes as
-        known. Raises TypeError if an object of this class cannot be bound."""
+        """`states`: the fields that compiled code assigns. `taken`: the names of other attributes whose values compiled
+        code takes as known. Raises TypeError if an object of this class cannot be bound."""
         self._taken, self._label = taken, memory.label
         self._memory, self.owner, self._refused, self._states = memory, owner, refused, states
         self._own = set[str]()
@@ -221,7 +221,8 @@ class BoundFields:
             del self._given[name]
 
     def _is_rebound(self, name: str) -> bool:
-        """True if this is an array that compiled code assigns: references to the old array do not see the new one."""
+        """True if this is an array that compiled code assigns. Then references to the old array do not see the new
+        array."""
         return name in self._states and not isinstance(vars(self.owner).get(name, self._given.get(name)), list)
 
     def _give(self, name: str, value: Any) -> None:

@@ -25,8 +25,8 @@ class StateType(CType):
 
 @dataclass(frozen=True)
 class TextType(StateType):
-    """One of the strings of a machine, as its index among them. `kind` is a tuple of all strings, the latest at the
-    end."""
+    """One of the strings of a machine, as its index among them. `kind`: all strings, in a tuple; the string that was
+    added last is at the end."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class ArrayType(CType):
 
 @dataclass(frozen=True)
 class NumpyNumber(CType):
-    """A number of numpy. Its division by 0 gives infinity and raises nothing."""
+    """A number of numpy. Division by 0 gives infinity and raises no error."""
 
     of: CType
     sure: bool = True

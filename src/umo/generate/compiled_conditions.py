@@ -46,8 +46,8 @@ class CompiledConditions:
     def __init__(
         self, library: LawLibrary, first: int, inhibitions: Sequence[Inhibition], clock: Clock, compared: int, why: str
     ) -> None:
-        """`compared`: number of periods in which they are compared. Without inhibitions there are none, and `why` is
-        the reason."""
+        """`compared`: the number of periods in which the conditions are compared. Without `inhibitions` there are no
+        compiled conditions, and `why` is the reason."""
         self._library, self._first, self._clock = library, first, clock
         self._inhibitions = inhibitions
         self._native: list[Any] = []

@@ -138,7 +138,7 @@ def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
 
 
 def _not_on_columns(translation: Translation) -> Iterator[str]:
-    """The translated parts that cannot work on Python's memory."""
+    """Yield the reasons why translated parts cannot work on Python's memory."""
     for struct in translation.structs:
         if isinstance(struct.owner, DequeFields):
             continue
@@ -156,7 +156,7 @@ def _not_on_columns(translation: Translation) -> Iterator[str]:
 
 
 def _inside(of: CType) -> list[CType]:
-    """The types of the parts of a value of this type."""
+    """Return the types of the parts of a value of this type."""
     if isinstance(of, TupleType):
         return [each for _, each in of.members]
     return [of.of] if isinstance(of, OptionalType | ArrayType) else []
@@ -249,7 +249,7 @@ class CompiledLaws(Capability):
         phases.before_laws, self._called = [*([look] if look is not None else []), *others], look
 
     def _was_given(self, fields: BoundFields) -> None:
-        """Note that an object was given a list or an array, so that it is checked before the laws."""
+        """Record that an object was given a list or an array, so that it is checked before the laws."""
         self._waiting.append(fields)
         self._look_first(self._look)
 
@@ -440,8 +440,8 @@ class CompiledLaws(Capability):
         _raise(error_as_written(kind, OWN_TEXTS.get(kind, text)), *self._place(fault))
 
     def _place(self, fault: int) -> tuple[str, int]:
-        """Return the file and the line that raise a fault, or that call what raises it; none if Python makes its
-        text."""
+        """Return the file and the line of Python that raise a fault, or that call the function of the runtime that
+        raises it. They are "" and 0 if unknown."""
         file, line = self._library.fault_place
         of_runtime = (self._translation.files[file], line) if line else ("", 0)
         return next(((each.file, each.line) for each in self._translation.faults if each.number == fault), of_runtime)
@@ -473,7 +473,7 @@ class CompiledLaws(Capability):
         )
 
     def _done(self, work: Callable[[], Any]) -> int:
-        """Do work that needs Python, and return its fault."""
+        """Carry out work that needs Python, and return the number of its fault."""
         if self.state == "compared":
             self._asked = True
             return NO_HOST
@@ -513,7 +513,8 @@ class CompiledLaws(Capability):
         return self._done(work)
 
     def _foresee(self, given: list[tuple[int, float]], taken: Any) -> int:
-        """Apply to the copy of what is pending what Python will do with these values. Nothing else is changed."""
+        """Write these values, as Python will change and admit them, to the copy of the pending values. Return the fault
+        that this would cause, or 0. Nothing else is changed."""
         taken[0] = True
         try:
             values = [(slot, self._limited(slot, value, taken)) for slot, value in given]
@@ -550,7 +551,8 @@ class CompiledLaws(Capability):
         return 0
 
     def _tell_text(self, number: int, given: Any) -> int:
-        """Make an error or a text of these variables. While Python runs the laws, it makes its own."""
+        """Make an error or a text from these variables. While Python runs the laws, Python's own code makes errors and
+        texts."""
         if self.state != "compiled":
             return 0
         text_maker = self._translation.text_makers[number]

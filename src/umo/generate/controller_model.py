@@ -69,11 +69,11 @@ class ControllerObject:
     bounds: tuple[float, float]
     """Minimum and maximum."""
     good: tuple[float, float] = (0.0, 0.0)
-    """Of a sensor: the bounds within which a value is GOOD."""
+    """For a sensor: the bounds within which a value is GOOD."""
     raws: tuple[float, float] = (0.0, 0.0)
-    """Of an actuator or a timer: the smallest and the largest raw integer."""
+    """For an actuator or a timer: the smallest and the largest raw integer."""
     one: int = 0
-    """Of a binary object: the number of the state for level 1, in the order of the Enum."""
+    """For a binary object: the number of the state for level 1, in the order of the Enum."""
     clamps: bool = False
     marks: bool = False
     incremental: bool = False
@@ -112,7 +112,7 @@ class ControllerInterlock:
 
 @dataclass(frozen=True)
 class ControllerEquipment:
-    """A part that fails alone."""
+    """A part of the machine that can be in fault while the rest of the machine runs."""
 
     path: str
     outer: int
@@ -166,7 +166,7 @@ class ControllerModel:
     groups: list[ControllerGroup] = field(default_factory=list)
     """The parts that have their own rates, the fastest first."""
     axes: list[Axis] = field(default_factory=list)
-    """The axes that brake when nobody is in charge."""
+    """The axes that the controller brakes to standstill when the host is silent."""
     problems: list[NotGenerated] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 

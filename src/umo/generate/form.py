@@ -372,7 +372,7 @@ class NextTurn(Statement):
 
 @dataclass(frozen=True)
 class Fail(Statement):
-    """Raises the fault with this number, or again a fault that was caught."""
+    """Raises the fault with this number, or raises a caught fault again."""
 
     fault: int | Value
 
@@ -437,7 +437,7 @@ BODIES = "body", "orelse", "last"
 
 @cache
 def _parts(kind: Any) -> tuple[str, ...]:
-    """The names of the fields of a node class that hold nodes or tuples of nodes."""
+    """Return the names of the fields of a node class that hold nodes or tuples of nodes."""
     return tuple(name for name, hint in get_type_hints(kind).items() if _is_of_nodes(hint))
 
 
@@ -455,7 +455,8 @@ def walk(*nodes: FormNode) -> Iterator[FormNode]:
 
 
 def statements(*nodes: Statement | FunctionForm) -> Iterator[FormNode]:
-    """Return all statements and handlers in these, including these themselves, without the values in them."""
+    """Return all statements and handlers in these nodes, including these nodes themselves, but not the values in
+    them."""
     waiting: list[FormNode] = [*reversed(nodes)]
     while waiting:
         node = waiting.pop()

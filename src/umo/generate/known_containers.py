@@ -128,7 +128,7 @@ class _Places:
         return isinstance(around, ast.Call) and around.func is node
 
     def _by_name(self, node: ast.AST) -> Iterator[ChangedPlace]:
-        """The attributes that are accessed by name: `getattr(m, "name")`, `vars(m)["name"]`."""
+        """Yield the attributes that are accessed by name: `getattr(m, "name")`, `vars(m)["name"]`."""
         around: Any = self._around[id(node)]
         if _last(node) in PLACES_OF_NAMES and self._is_called(node):
             key = around.args[PLACES_OF_NAMES[_last(node)]] if len(around.args) > 1 else None
@@ -140,7 +140,7 @@ class _Places:
 
 
 def _defined(tree: ast.AST) -> Iterator[str]:
-    """The names that a file redefines."""
+    """Yield the names that a file redefines."""
     for each in ast.walk(tree):
         if isinstance(each, ast.FunctionDef | ast.ClassDef):
             yield each.name
@@ -151,7 +151,7 @@ def _defined(tree: ast.AST) -> Iterator[str]:
 
 
 def _fresh_targets(node: ast.AST) -> Iterator[ast.AST]:
-    """The targets of assignments of a new container, which has no other reference."""
+    """Yield the targets of assignments of a new container, which has no other reference."""
     if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Attribute) and _is_fresh(node.value):
         yield node.target
     if isinstance(node, ast.AnnAssign) and "ClassVar" in ast.dump(node.annotation) and _is_fresh(node.value):

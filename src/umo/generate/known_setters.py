@@ -59,7 +59,7 @@ class Setting(NamedTuple):
     method: str = ""
     """The name of the method in which `self` is set."""
     is_before: bool = False
-    """True if the method runs before a machine is translated. It counts only if it is called again."""
+    """True if the method runs before a machine is translated. The setting counts only if the method is called again."""
     setup: str = ""
     """The class in whose `setup` this setting is. `setup` runs before the translation if a part of the machine has this
     class."""
@@ -148,7 +148,8 @@ def _is_meant(setting: Setting, name: KnownName) -> bool:
 
 
 def _files(machine: Any, known: KnownValues) -> Iterator[tuple[str, str]]:
-    """The files to search, with the names of their modules: all files of a station, otherwise those of the classes."""
+    """Yield the files to search, with the names of their modules: all files of a station, or else the files of the
+    classes."""
     owners = [machine, *(each.owner for each in known.objects.values())]
     modules = {kind.__module__ for each in owners for kind in type(each).__mro__ if not isinstance(each, dict)}
     modules |= {str(each.owner.get("__name__", "")) for each in known.objects.values() if isinstance(each.owner, dict)}
@@ -198,7 +199,7 @@ class _Search:
         yield from self._in(tree, "", "", 0, frozenset())
 
     def _in(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
-        """The settings in a node. `me`: the name of `self`; `outer`: names of the module or of an enclosing
+        """Yield the settings in a node. `me`: the name of `self`; `outer`: names of the module or of an enclosing
         function."""
         for each in ast.iter_child_nodes(node):
             if (_is_whole(each) and not _only_reads(node)) or _is_unfollowed(each, node):
@@ -267,8 +268,8 @@ class _ClassUses:
         return setting.method in self._methods or setting.kind in self._values
 
     def is_harmless(self, setting: Setting, name: KnownName) -> bool:
-        """True if an assignment does not change the name: it is a part, which a machine does not give up, or a
-        property, whose setter is called."""
+        """Return True if an assignment does not change the name: the name is that of a part, which a machine does not
+        give up, or that of a property, so that its setter is called."""
         owner = name.owner
         if not setting.base or setting.base in self._classes:
             return False
@@ -286,8 +287,8 @@ def _methods(tree: ast.AST) -> Iterator[tuple[str, str]]:
 
 
 def _values(node: ast.AST, around: ast.AST) -> Iterator[str]:
-    """The last names of classes used otherwise than called, asked for an attribute, or named as a base class or in an
-    annotation."""
+    """Yield the last names in expressions that may be classes used as values. Calls of a class, accesses to its
+    attributes, base classes and annotations do not count."""
     if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
         is_called = isinstance(around, ast.Call) and around.func is node
         if not is_called and not isinstance(around, ast.Attribute | ast.ClassDef | ast.ExceptHandler):
@@ -301,7 +302,7 @@ def _values(node: ast.AST, around: ast.AST) -> Iterator[str]:
 
 
 def _again(node: ast.AST) -> Iterator[str]:
-    """The functions of BEFORE that code outside these functions uses."""
+    """Yield the functions of BEFORE that code outside these functions uses."""
     for each in ast.iter_child_nodes(node):
         if isinstance(each, ast.FunctionDef) and each.name in BEFORE:
             continue
@@ -311,7 +312,7 @@ def _again(node: ast.AST) -> Iterator[str]:
 
 
 def _of_bases(kind: ast.ClassDef) -> Iterator[ast.AST]:
-    """The calls of base class methods by methods of a class: `Base.method(self)`."""
+    """Yield the calls of base class methods by methods of a class: `Base.method(self)`."""
     bases = set(map(_last, kind.bases))
     for each in ast.walk(kind):
         if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute) and _last(each.func.value) in bases:
@@ -329,7 +330,7 @@ def _last(node: ast.AST) -> str:
 
 
 def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
-    """The nodes of a function, without those of functions inside it."""
+    """Yield the nodes of a function, without those of functions inside it."""
     for each in ast.iter_child_nodes(function):
         yield each
         if not isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef):
@@ -341,7 +342,7 @@ def _called_name(node: ast.AST) -> str:
 
 
 def _called(node: ast.Call) -> Iterator[tuple[str, ast.AST | None]]:
-    """The names that a call sets, and the object, or None if the object is unknown."""
+    """Yield the names that a call sets, and the object, or None if the object is unknown."""
     if (called := _called_name(node)) in SETTERS:
         yield _named(called, node.func, node)
     elif called == "reload" and (isinstance(node.func, ast.Name) or _last(node.func.value) == "importlib"):  # type: ignore[attr-defined]

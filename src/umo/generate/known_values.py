@@ -119,7 +119,7 @@ class KnownValues:
         self.attributes: dict[tuple[int, str], tuple[Any, str, Any, KnownName]] = {}
         """Values from other places: the object, its attribute, the value, and the name used in messages."""
         self.fields: dict[tuple[int, str], KnownName] = {}
-        """Tracked numbers that are class attributes, as long as the object has none of its own."""
+        """Tracked numbers that are class attributes, as long as the object has no attribute of this name of its own."""
         self._told: dict[tuple[int, str], KnownName] = {}
         """The names of a namespace as used in messages."""
         self._read: set[tuple[int, str]] = set()
@@ -293,7 +293,7 @@ class KnownValues:
                 self.attributes[place] = owner, name, found, known
 
     def bind(self, owners: Iterable[Any]) -> None:
-        """Note that these objects have a subclass of their class from now on."""
+        """Record that these objects have a subclass of their class from now on."""
         for owner in owners:
             if id(owner) in self.objects:
                 self.objects[id(owner)].kind = type(owner)

@@ -28,8 +28,8 @@ class KnownWatch:
         changed: Callable[[list[KnownName]], None],
         elsewhere: Sequence[tuple[Any, frozenset[str]]] = (),
     ) -> None:
-        """`elsewhere`: objects and names of attributes that are stored outside the objects: nobody may add them
-        there."""
+        """`elsewhere`: objects, each with the names of attributes that are stored outside the object. No code may add
+        these names to the object itself."""
         self._known, self._changed, self._elsewhere = known, changed, elsewhere
         self.look: Callable[[], bool] = self._changes
         """Returns True if nothing has changed. It is replaced by a faster check after a renewal."""
@@ -60,8 +60,8 @@ class KnownWatch:
         self.on_renewal()
 
     def _attributes(self) -> tuple[list[Attribute], list[Attribute]]:
-        """The attributes that are not names in a dict: those checked in each period, and those checked in turn. The
-        latter belong to functions of umo and Python, and include the dicts and classes of sensors and actuators."""
+        """Return the attributes that are not names in a dict: those checked in each period, and those checked in turn.
+        The latter belong to functions of umo and Python, and include the dicts and classes of sensors and actuators."""
         always, in_turn = list[Attribute](), list[Attribute]()
         for owner, name, value, _ in self._known.attributes.values():
             rarely = isinstance(owner, FunctionType) and is_installed(owner.__module__ or "")
@@ -74,8 +74,8 @@ class KnownWatch:
         return always, in_turn
 
     def _spaces(self) -> tuple[list[Space], list[Space]]:
-        """The names of objects, classes and modules: those checked in each period, and those checked in turn. The
-        latter belong to modules of umo and Python, and to sensors and actuators, whose numbers cannot be set."""
+        """Return the names of objects, classes and modules: those checked in each period, and those checked in turn.
+        The latter belong to modules of umo and Python, and to sensors and actuators, whose numbers cannot be set."""
         always, in_turn = list[Space](), list[Space]()
         told = {id(owner): (owner, dict.fromkeys(names, ABSENT)) for owner, names in self._elsewhere}
         for key, each in self._known.objects.items():

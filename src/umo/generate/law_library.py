@@ -47,7 +47,7 @@ READ = CFUNCTYPE(c_int16, c_int32, POINTER(c_double))
 HOST_CALL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_double), c_uint16)
 TEXT_CALLBACK = CFUNCTYPE(c_int16, c_uint16, POINTER(c_void_p))
 BESIDE_PYTHON = replace(TARGETS["host"], makes_texts=True)
-"""The target of laws that are called by Python. Python also makes texts for them."""
+"""The target for laws that Python calls. Python also makes texts for these laws."""
 TARGET = target_header(BESIDE_PYTHON, 1)
 """The file umo_target.h, with which the clocks of parts are those of Python."""
 SOURCE = """\

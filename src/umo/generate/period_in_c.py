@@ -170,7 +170,7 @@ class PeriodInC(Capability):
         self._say(f"the period is carried out in C{rest}", logged=bool(left))
 
     def _calls(self) -> tuple[Callable[..., object], ...]:
-        """The Python functions, in the order in which period.c calls them."""
+        """Return the Python functions, in the order in which period.c calls them."""
         period, machine, image = self._period, self._machine, self._image
         evaluate, group = period.guards.evaluate, self._group
         return (

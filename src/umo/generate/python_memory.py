@@ -67,7 +67,7 @@ def _word(at: int) -> int:
 
 
 def _words(owner: Any) -> list[int]:
-    """The words in the memory of an object."""
+    """Return the words in the memory of an object."""
     return [_word(id(owner) + at) for at in range(0, type(owner).__basicsize__ // WORD * WORD, WORD)]
 
 
@@ -197,7 +197,7 @@ def _changes() -> Iterator[tuple[dict[str, Any], Change]]:
 
 
 def _ways(names: dict[str, Any]) -> list[Change]:
-    """The ways to change a dict."""
+    """Return the ways to change a dict."""
 
     def change(way: Callable[[], object]) -> Change:
         def done() -> None:

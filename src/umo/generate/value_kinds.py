@@ -1,4 +1,4 @@
-"""The kinds of values and objects that translated code may use. Their class must not change their behaviour.
+"""The kinds of values and objects that translated code may use. The class of a value must not change its behaviour.
 
 Everything here is a whitelist. For each operation that a class may define itself (`__eq__`, `__bool__`, `__setattr__`,
 `__getattribute__`, a descriptor) the object is accepted only if it has Python's definition."""

@@ -25,7 +25,7 @@ class Watchdog:
 
     @property
     def milliseconds(self) -> int:
-        """The time in ms, as its register has it. A time above 0 is never rounded to 0, because 0 means off."""
+        """The time in ms, as its register contains it. A time above 0 is never rounded to 0, because 0 means off."""
         return min(max(round(self.seconds * 1000), 1 if self.seconds else 0), 0xFFFF)
 
     def feed(self, now: float, *, write: bool) -> None:
@@ -119,8 +119,8 @@ class Box:
             self._levels[point] = raw
 
     def _cells_after(self, point: Point, address: int, values: Sequence[int]) -> Sequence[int]:
-        """The cells of an output once these are written from the address on: a field keeps the bits that it has in the
-        others, and of a whole value all are written."""
+        """Return the cells of an output after these values are written from the address on. A field keeps its bits in
+        cells that are not written. Raises ExceptionAnswer if only some cells of a whole value would be written."""
         at = point.address - address
         if at >= 0 and at + point.cells <= len(values):
             return values[at : at + point.cells]
@@ -146,7 +146,7 @@ class Box:
 
 
 def _raw_and_level(point: Point, cells: Sequence[int]) -> tuple[int, int]:
-    """Raw integers that these cells hold for the box, and for the plant."""
+    """Return the raw integer that these cells hold for the box, and the one for the plant."""
     try:
         raw = point.raw(cells)
         return raw, point.to_plant(raw)

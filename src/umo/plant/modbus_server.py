@@ -1,6 +1,6 @@
 """The device's side of Modbus TCP, reduced to the needs of a controller box. The server of pymodbus is not used for
-three reasons: its tables cannot refuse an address next to a mapped coil, it takes 70 us more for each request (a period
-has four), and a box should not consist of the same parts as the driver that is tested with it.
+three reasons. Its tables cannot refuse an address next to a mapped coil. It takes 70 us more for each request, and a
+period has four requests. And a box should not consist of the same parts as the driver that is tested with it.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _mask_write(body: bytes, cells: RegisterCells) -> bytes:
 
 
 def _read_write(body: bytes, cells: RegisterCells) -> bytes:
-    """Write registers, then read registers. Where either is refused nothing has changed."""
+    """Write registers, then read registers. If either is refused, nothing has changed."""
     from_, count = _two_words(body[:4])
     to, written = _two_words(body[4:8])
     size, packed = 2 * written, body[9:]
@@ -178,7 +178,7 @@ class Connection(asyncio.Protocol):
             transport.resume_reading()
 
     def _answer_one(self, transport: asyncio.Transport) -> bool:
-        """Answer the first request; False while it is not whole."""
+        """Answer the first request. Return False while the request is incomplete."""
         buffer = self._buffer
         if len(buffer) < _HEADER.size:
             return False

@@ -85,7 +85,7 @@ class Point:
 
     @property
     def _layout(self) -> str:
-        """The registers, with the bytes of each in their order."""
+        """The format of the registers for `struct`, with the order of the bytes in each register."""
         return f"{'<' if self._swapped else '>'}{self.cells}H"
 
     @property

@@ -108,7 +108,7 @@ async def _listen(box: Box, peers: set[asyncio.Transport], stack: contextlib.Exi
 async def _keep_pace(
     simulation: Simulation, boxes: Sequence[Box], stop: asyncio.Event, report: ReportFile | None
 ) -> None:
-    """Time passes in the plant, in small steps between the requests; the watchdogs are looked at."""
+    """Let time pass in the plant, in small steps between the requests, and check the watchdogs."""
     clock = simulation.clock
     reported: object = None
     next_look = clock()

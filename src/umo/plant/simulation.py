@@ -13,9 +13,11 @@ from umo.errors import DriverError, Failure, text_of
 from umo.wiring import Wired
 
 MAX_PERIODS = 20
-"""The largest number of periods of the plant that are carried out in succession. Requests are answered in between."""
+"""The largest number of periods of the plant that are carried out in succession. After them, waiting requests are
+answered."""
 MAX_LAG = 1000
-"""Largest number of periods that the plant may be behind; if it is further behind, these periods are skipped."""
+"""Largest number of periods by which the plant may be late. If it is later than that, the missed periods are
+skipped."""
 
 
 class Pace:
@@ -57,8 +59,8 @@ class Simulation:
         self.clock = clock
         self.pace = Pace(wired.period, clock())
         self.failure: Exception | None = None
-        """The exception that the plant raised while time passed, or an error in its code. The plant cannot continue
-        after it."""
+        """The exception that the plant raised while time passed, or an error in its code. After that the plant cannot
+        continue."""
         self._wired = wired
         self._timer = wired.wires.index(timer)
         if wired.injection is not None:

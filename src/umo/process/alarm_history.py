@@ -19,7 +19,7 @@ class AlarmHistory:
         self.next = next_event
 
     def take(self, reader: RunReader, frame: Any) -> None:
-        """Add the changes of alarms among the new events, and the number of events that were lost before. Raises
+        """Write the changes of alarms among the new events, and the number of earlier events that were lost. Raises
         OSError if they cannot be written; the next call tries again. `frame`: a frame of the run, which relates the
         cycle's clock to UTC."""
         new = reader.events(self.next) if reader.layout.alarms else []

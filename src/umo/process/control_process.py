@@ -103,7 +103,7 @@ class Control:
         self._connection: connect[Any] | None = None
 
     def take_note(self, number: int, frame: object) -> None:
-        """Note a signal that requests a stop before the machine is connected. A request of the guardian takes
+        """Record a signal that requests a stop before the machine is connected. A request of the guardian takes
         precedence."""
         if not self._run_state.asked:
             self._run_state.ask(number)
@@ -117,8 +117,8 @@ class Control:
         self._device_claim.hold.used_here()
 
     def stand_aside(self) -> None:
-        """Give up the devices in a process that control code has forked. The process ends as soon as it would use a
-        device."""
+        """Give up the devices, in a process that control code has forked. That process ends as soon as it tries to use
+        a device."""
         if self._stands_in:
             return
 
@@ -164,7 +164,7 @@ class Control:
         return outcome
 
     def _gives_sign_of_life(self) -> bool:
-        """Return True if the process lives or still uses a device."""
+        """Give a heartbeat, and return True: this process lives and may still use a device."""
         self._run_state.beat()
         return True
 
@@ -174,7 +174,8 @@ class Control:
             guardian.send(signal.SIGKILL)
 
     def _is_alone(self) -> bool:
-        """True if no process follows the guardian. A stopped or killed follower is ended."""
+        """Return True if no process can take the guardian's place. Processes that could do so, but were stopped or
+        killed, are ended first."""
         if any(map(self._run_state.is_able, FOLLOWERS)):
             return False
         for who in FOLLOWERS:
@@ -317,7 +318,7 @@ class Control:
 
     @contextmanager
     def _commanded(self, connection: connect[Any], ring: Ring | None) -> Iterator[None]:
-        """Take commands from outside, if there are frames to answer by."""
+        """Take commands from outside. This requires frames, in which the answers are given."""
         if ring is None or self._frames is None:
             yield
             return
@@ -383,7 +384,7 @@ class Control:
         self._stop_if_asked()
 
     def _stop_if_asked(self) -> None:
-        """Until here no period has looked."""
+        """Request the stop if one was requested earlier, when no period could check for it."""
         if self.orphaned or self._run_state.asked:
             request_stop(self._run_state.asked or None)
 

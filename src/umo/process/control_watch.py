@@ -62,7 +62,7 @@ class ControlWatch:
         return f"the control process {how}{stopped}{in_brackets(moment, self._where())}"
 
     def _where(self) -> str:
-        """The line of its Python code, if it can still report it."""
+        """Return the line of the process's Python code as text; "" if the process cannot report it."""
         if self.process.state in UNABLE_STATES:
             return ""
         with suppress(OSError):
@@ -74,7 +74,7 @@ class ControlWatch:
         return ""
 
     def _traceback(self) -> str:
-        """Return the traceback that it writes, once it no longer grows between two looks."""
+        """Return the traceback that the process writes, when the text no longer grows between two looks."""
         text, until = b"", calls.now() + WHERE_TIMEOUT
         while calls.now() < until:
             calls.sleep(0.0005)

@@ -61,7 +61,7 @@ class FrameWatcher:
 
     @property
     def stop(self) -> int | None:
-        """The number of the signal by which a client asks to end the run, or None."""
+        """The number of the signal with which a client requests the end of the run, or None."""
         asked = None if self._cells is None else self._cells.stop
         return None if asked is None else asked[0]
 
@@ -127,7 +127,7 @@ class FrameWatcher:
         return self._child is None
 
     def _attach(self) -> bool:
-        """True if there are frames to be kept."""
+        """Return True if there are frames that can be saved."""
         if self._cells is None and self.frames is not None:
             with suppress(FramesError, OSError):  # they are not complete yet
                 ends = self.frames[1].ends
@@ -149,7 +149,7 @@ class FrameWatcher:
         calls.exit_now(0)
 
     def _reap(self) -> None:
-        """A child that is finished makes way for the next."""
+        """Remove a child process that has ended, and start the next one if a black box was requested meanwhile."""
         if self._child is None or not self._child.ended:
             return
         self._child = None

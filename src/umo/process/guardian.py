@@ -93,7 +93,7 @@ def main(file: int, job_file: int) -> int:
 
 
 def _outcome_of(error: BaseException, channel: MessageSocket) -> Outcome:
-    """The outcome where an error has ended the guardian before it guards, or in doing so."""
+    """Return the outcome for an error that has ended the guardian, before or while it guarded."""
     for number in SIGNALS:
         calls.handle_signal(number, signal.SIG_IGN)
     if not isinstance(error, Interrupted):
@@ -103,7 +103,7 @@ def _outcome_of(error: BaseException, channel: MessageSocket) -> Outcome:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    """A stop is asked for while the station's own code declares the machine. Nothing is driven yet."""
+    """Raise Interrupted: a stop was requested while the station's code declares the machine. Nothing is driven yet."""
     raise Interrupted(f"stopped before the machine was started{in_brackets(place_within(frame, None))}", number)
 
 
@@ -141,7 +141,8 @@ class Guardian:
         self._end.resetter.in_reserve = self._standby.follow_both
 
     def _take_core(self) -> CorePlace | None:
-        """The core that the wiring names; without one, under SCHED_FIFO, the core with the fewest other stations."""
+        """Reserve the core that the wiring names. If it names none, reserve under SCHED_FIFO the core with the fewest
+        other stations."""
         process = self._plan.wired.process
         fifo = realtime.use_fifo(process.priority + 1) is None
         if not fifo and process.cpu is None:
@@ -245,7 +246,7 @@ class Guardian:
     # While it runs -------------------------------------------------------------------------------------
 
     def _watch(self, control: ControlWatch) -> str:
-        """Watch until the control process has ended (""), or hangs: then return how, as text."""
+        """Watch until the control process has ended, and return "". If it hangs, return as text how it hangs."""
         share = ProcessorShare(control.process, self._core, self._say)
         silence = HangDetector(self._run_state, share, self._process.hang_timeout, self._plan.wired.period or 0.0)
         while not self._run_state.gone(LOOK_INTERVAL):
@@ -302,11 +303,12 @@ class Guardian:
             self._channel.send("notice", text=text)
 
     def _ask(self, number: int, frame: object = None) -> None:
-        """A stop is asked for, as by this signal. The first one counts."""
+        """Record the request to stop, as by this signal. Only the first request counts."""
         self._stop_signal = self._stop_signal or number
 
     def _listen(self) -> None:
-        """Requests to stop: from the starter, by its end, from a client, by a signal."""
+        """Take the requests of the starter and of clients. A stop is requested by the starter, by a client, by a
+        signal, or because the starter has ended."""
         while (message := self._channel.receive()) is not None:
             for file in message["files"]:
                 calls.close(file)
@@ -324,7 +326,8 @@ class Guardian:
 
     def _insist(self) -> None:
         """Repeat the request to stop while the control process connects: a further signal ends code that does not end
-        by itself (`umo.cycle.insisting`). It is another signal, because of two equal pending signals one is lost."""
+        by itself (`umo.cycle.insisting`). The signal differs from the first one, because one of two equal pending
+        signals would be lost."""
         assert self._control is not None
         self._control.process.send(signal.SIGINT)
 
@@ -338,5 +341,5 @@ class Guardian:
 
 
 def _signal(number: object) -> int:
-    """A number that a message names, if it is a signal that asks to stop."""
+    """Return the number in a message if it is a signal that requests a stop; otherwise SIGTERM."""
     return number if isinstance(number, int) and number in STOP_SIGNALS else signal.SIGTERM

@@ -68,7 +68,7 @@ def _facts(plan: Plan, kept: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _wiring(plan: Plan) -> dict[str, Any]:
-    """Its name, file and text; of one that is no file its table."""
+    """Return the name, file and text of the wiring; for a wiring that is not a file, its table."""
     if isinstance(plan.wiring, Path):
         return {
             "name": plan.wiring_name,

@@ -31,9 +31,9 @@ from umo.system import calls, realtime
 from umo.system.processes import Child, ProcessHandle, adjust_oom_score, name_process
 
 INTERVAL = 0.5
-"""The time in s between two looks of the keeper. The values of a look are valid until the values of the next look are
-written, which is after this time plus the time of the disk. If the disk takes no longer than this time, kept values are
-never older than twice this time."""
+"""The time in s between two looks of the keeper. The values of one look stay in the file until those of the next look
+are written: for this time plus the time of the disk. If the disk takes no longer than this time, kept values are never
+older than twice this time."""
 LAST_TIMEOUT = 5.0
 """Timeout in s at the end of a run for the last values."""
 FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
@@ -144,7 +144,7 @@ class Keeper:
         self._child, self._cells[KeeperMessage.BEGUN] = Child(pid), 1
 
     def _has_ended(self) -> bool:
-        """True if it serves no longer. One that was stopped by a signal is ended."""
+        """Return True if the keeper no longer works. A keeper that was stopped by a signal is ended."""
         process = self._process
         if process is None or process.ended:
             return True
@@ -161,7 +161,7 @@ class Keeper:
         return self._run_state.process(Who.KEEPER)
 
     def _end(self) -> None:
-        """Make sure that it has ended. One that is blocked in a call of the kernel ends after that."""
+        """Make sure that the keeper ends. A keeper that is blocked in a call of the kernel ends after this call."""
         if (process := self._process) is not None:
             self._run_state.end_process(process, DEATH_TIMEOUT / 10)
             self._child = None
@@ -200,7 +200,8 @@ ALIVE = 3
 
 
 def _close_all_but(alive: int) -> None:
-    """The frames stay mapped. Nothing is printed: a terminal or a pipe of the starter's would be held."""
+    """Close all descriptors except that of the pipe. The frames stay mapped. Nothing is printed, because a terminal or
+    a pipe of the starter must not stay open."""
     os.dup2(alive, ALIVE)
     null = calls.open(os.devnull, os.O_RDWR)
     for standard in range(ALIVE):
@@ -266,7 +267,7 @@ class Writer:
         self._cells[KeeperMessage.ERROR] = 0
 
     def _is_ours(self) -> bool:
-        """True if this process has the lock of the file, which it then keeps to its end."""
+        """Return True if this process has the lock of the file. It keeps the lock until it ends."""
         if self._lock < 0:
             file = kept_file.lock_file(self._path)
             if not kept_file.take_lock(file):

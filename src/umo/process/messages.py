@@ -51,7 +51,8 @@ class MessageSocket:
         return {**message, "kind": str(kind), "files": list(files)}
 
     def _next(self) -> tuple[bytes, list[int]]:
-        """A peer that ended with messages of ours unread makes one call fail; its own last messages come after that."""
+        """Return the next message as received. If the peer ended without reading all messages, one call fails, and the
+        peer's last messages come after it."""
         for _ in range(2):
             try:
                 return calls.receive_message(self._socket, MAX_BYTES, 4)

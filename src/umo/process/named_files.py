@@ -37,7 +37,7 @@ def _named_in(module: Path, folder: Path) -> set[Path]:
 
 
 def _candidates(node: ast.AST, beside: Path, folder: Path) -> Iterator[Path]:
-    """The possible paths of a file that this part of the code names."""
+    """Yield the possible paths of a file that this part of the code names."""
     match node:
         case ast.Constant(value=str() as text) if "." in text and len(text) < MAX_NAME and text.isprintable():
             yield from (beside / text, folder / text)

@@ -156,7 +156,7 @@ def plain(result: Any, longest: int = MAX_LENGTH) -> Any:
 
 
 def plain_reports(reports: Mapping[str, Any], longest: int = MAX_LENGTH) -> dict[str, Any]:
-    """Return the report of each driver that has one as plain data, if the total size is moderate."""
+    """Return, as plain data, the reports of the drivers that have one, if their total size is moderate."""
     return {name: plain(report, longest // len(reports)) for name, report in reports.items() if report}
 
 
@@ -192,5 +192,5 @@ def _notes(failure: BaseException) -> list[str]:
 
 
 def _moment(failure: BaseException) -> str:
-    """The time at which it ended the run; empty before the first period."""
+    """Return the time at which the failure ended the run, as text; empty before the first period."""
     return next((note for note in _notes(failure) if isinstance(note, Moment)), "")

@@ -75,7 +75,8 @@ class ProcessorShare:
             self._find_room()
 
     def _times(self) -> tuple[float, float, float] | None:
-        """Now, the time on a processor and the time waiting for one, in s (sched-stats in the kernel's documents)."""
+        """Return three times in s: now, the time on a processor, and the time waiting for a processor (sched-stats in
+        the kernel's documents). None if they are not available."""
         if self._file is None:
             return None
         with suppress(OSError, ValueError):
@@ -92,7 +93,7 @@ class ProcessorShare:
                 self._priority = priority
 
     def _find_room(self) -> None:
-        """Another process has its core: let it run on every core."""
+        """Let the control process run on every core if another process has its core."""
         with suppress(OSError):
             other = running_on(os.sched_getaffinity(self._pid), {self._pid, os.getpid()})
             if other is None:

@@ -55,7 +55,7 @@ class _TimeIsOver(Exception):
 
 
 class Resetter:
-    """Resets the actuators of one machine, in its stop order."""
+    """The resetter of one machine, which brings its actuators to their defaults in stop order."""
 
     def __init__(
         self,
@@ -178,8 +178,8 @@ class Resetter:
         return self._left()
 
     def _try_last(self, lasting: float, is_dead: Callable[[], bool]) -> None:
-        """The attempts when the time is over. What no attempt came to, as others of its driver had timed out, is tried
-        one by one, for `lasting` s."""
+        """Make the attempts when the time is over. Actuators that no attempt has tried, because others of their driver
+        timed out, are tried one by one, for at most `lasting` s."""
         self._is_last = progress = True
         until = inf
         while progress and self._due():
@@ -192,7 +192,7 @@ class Resetter:
             progress |= self._run(self._due(), is_dead)
 
     def _prepare_next(self, is_dead: Callable[[], bool]) -> None:
-        """Between two attempts."""
+        """Prepare the next attempt: end the workers of the actuators that are left, and wait."""
         if left := self._left():
             self._give_up(list(left))
         until = calls.now() + ATTEMPT_PAUSE
@@ -201,23 +201,23 @@ class Resetter:
             calls.sleep(0.01)
 
     def _due(self) -> list[int]:
-        """The actuators that are to be reset, by number."""
+        """Return the numbers of the actuators that must be reset."""
         return [number for number in range(len(self.paths)) if self._result(number)[0] is not Reached.YES]
 
     def _left(self) -> dict[str, str]:
-        """The actuators that are not at their defaults, each with the cause."""
+        """Return the actuators that are not at their defaults, each with the cause."""
         results = ((path, *self._result(number)) for number, path in enumerate(self.paths))
         return {path: cause for path, reached, cause in results if reached in (Reached.UNTRIED, Reached.NO)}
 
     def _result(self, number: int) -> tuple[Reached, str]:
-        """The result of the last attempt that came to it, with the cause."""
+        """Return the result of the last attempt that has tried this actuator, with the cause."""
         return self._results.get(number, (Reached.UNTRIED, f"not tried: {self._untried_cause}"))
 
     # The guardian's side -------------------------------------------------------------------------------
 
     def _run(self, numbers: list[int], is_dead: Callable[[], bool], until: float = inf) -> bool:
-        """Make one attempt: in one child, and in one more for each driver that hung or crashed before. Return True if
-        it has reached an actuator that none had reached before."""
+        """Make one attempt, in one child and in a further child for each driver that hung or crashed earlier. Return
+        True if it has reached an actuator that no earlier attempt had reached."""
         self._state.clear()
         limit = CALL_MARGIN + 2 * max(map(self._timeout, self._timeouts), default=0.0)
         for group in self._groups(numbers):
@@ -243,7 +243,7 @@ class Resetter:
         return [group for group in groups.values() if group]
 
     def _begin(self, numbers: list[int]) -> bool:
-        """Let the child on standby work, or fork another; False where that cannot be."""
+        """Let the child on standby work, or fork another child. Return False if no child can be forked."""
         try:
             if self._reserve is not None and len(numbers) == len(self._wires):
                 self._let_reserve_work(self._reserve)
@@ -255,7 +255,8 @@ class Resetter:
         return True
 
     def _let_reserve_work(self, child: Child) -> None:
-        """Another one waits first, if it can be had: whenever this guardian is killed, one is left."""
+        """Let the child on standby work. Another child is first put on standby, if possible, so that one remains
+        whenever this guardian is killed."""
         pipe = self._start_pipe, self._waiting_pipe
         self._reserve = None
         with suppress(OSError):
@@ -274,7 +275,7 @@ class Resetter:
         return Child(pid)
 
     def _follow(self, is_dead: Callable[[], bool], limit: float, until: float) -> None:
-        """Until the child ends; end it when one of its calls does not return, or at `until`."""
+        """Wait until the child ends. End it if one of its calls does not return, or at the time `until`."""
         assert self._child is not None
         child, self._child = self._child, None
         why = ""
@@ -327,7 +328,8 @@ class Resetter:
             calls.handle_signal(signal.SIGALRM, before)
 
     def _timeout(self, name: str) -> float:
-        """The timeout of a driver in this attempt, s: it grows, up to UNCONTROLLED_TIMEOUT."""
+        """Return the timeout of a driver in this attempt, in s. It grows with each attempt, up to
+        UNCONTROLLED_TIMEOUT."""
         timeout = self._timeouts[name]
         return (
             timeout if self._is_last else max(timeout, min(timeout * 4.0**self._attempt_number, UNCONTROLLED_TIMEOUT))
@@ -336,14 +338,15 @@ class Resetter:
     # In the child --------------------------------------------------------------------------------------
 
     def _as_child(self, guardian: int, work: Callable[[int], int]) -> int:
-        """Fork a child that is not ended by a signal that asks the run to stop."""
+        """Do this work in a child that ignores the signals that request the run to stop. Return the exit status."""
         name_process("umo reset")
         for number in STOP_SIGNALS:
             calls.handle_signal(number, signal.SIG_IGN)
         return work(guardian)
 
     def _wait_for_work(self, guardian: int) -> int:
-        """Wait until the guardian lets it begin. It survives the guardian, in case no other process does."""
+        """Wait, in the child on standby, until the guardian lets it begin. The child survives the guardian, in case no
+        other process does."""
         calls.close(self._start_pipe)
         spares = [calls.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
         while not self.takes_place(RESERVE_INTERVAL):  # one that was stopped may never begin
@@ -362,7 +365,7 @@ class Resetter:
         return self._work(guardian, range(len(self._wires)))
 
     def _work(self, guardian: int, numbers: Sequence[int]) -> int:
-        """Work until the guardian ends: another one would reset as well."""
+        """Reset in the child. The child is killed when the guardian ends, because another process then resets."""
         calls.die_with_parent(guardian, signal.SIGKILL)
         with suppress(Exception):
             self._guard()
@@ -370,7 +373,8 @@ class Resetter:
         return 0
 
     def _bring_to_defaults(self, numbers: Sequence[int], look: Callable[[], object], until: float = inf) -> None:
-        """Open, bring to the defaults, close. From `until` on no call begins but those that close."""
+        """Open the drivers, bring the actuators to their defaults, and close the drivers. From the time `until` on, no
+        call begins except those that close."""
         segments = self._segments
         for driver in self._wired.drivers.values():
             if isinstance(driver, OffCycle):
@@ -395,8 +399,8 @@ class Resetter:
                     segments.close(name)
 
     def _reset_opened(self, numbers: list[int], call: Callable[[], object], until: float) -> list[int]:
-        """Initialise, reset once the old process is dead, and again after operations in progress. Return the outputs
-        that were reached."""
+        """Initialise the outputs, reset them when the old process is dead, and reset them again when operations in
+        progress are over. Return the outputs that were reached."""
         reached = self._pass(numbers, "initialize", until)
         while not self._state.dead:
             call()
@@ -413,7 +417,8 @@ class Resetter:
         return self._names[id(self._wires[number].driver)]
 
     def _open(self, numbers: Sequence[int], opened: list[str], until: float) -> None:
-        """Open the drivers, and list those that could be; the actuators of the others are noted."""
+        """Open the drivers, and add those that could be opened to `opened`. The actuators of the others are recorded as
+        not reached."""
         for name in dict.fromkeys(map(self._driver_of, numbers)):
             mine = [number for number in numbers if self._driver_of(number) == name]
             self._wired.drivers[name].timeout = self._timeout(name)

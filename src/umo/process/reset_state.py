@@ -50,7 +50,7 @@ class ResetState:
         self._cells[BEAT] = calls.boottime_ns()
 
     def begin(self, number: int) -> None:
-        """Note that a call for this actuator begins; -1 for no actuator."""
+        """Record that a call for this actuator begins; -1 for no actuator."""
         self._cells[AT] = number
         self.beat()
 

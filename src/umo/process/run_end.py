@@ -63,8 +63,8 @@ class RunEnd:
         self.resetter.hand_over()
 
     def _fork_reserve(self, first: bool) -> int:
-        """Fork the child that waits to reset; 0 in the child. One that is not the first waits for its lock itself
-        (`_takes_place`): the reset is not kept waiting by that."""
+        """Fork the child that waits to reset, and return its pid; 0 in the child. A child that is not the first waits
+        for its lock itself (`_takes_place`), so that it does not delay the reset."""
         if first:
             return self._run_state.fork(Who.RESERVE)
         pid = calls.fork()
@@ -73,8 +73,8 @@ class RunEnd:
         return pid
 
     def _takes_place(self, within: float) -> bool:
-        """Take the lock in the child that waits to reset. Return True if it has it. Its predecessor keeps the lock
-        until it has begun."""
+        """Take the lock, in the child that waits to reset. Return True if the child has the lock. The previous child
+        keeps the lock until it begins to reset."""
         return self._run_state.holds(Who.RESERVE) or self._run_state.hold(Who.RESERVE, within)
 
     def _begin_reset(self) -> None:

@@ -46,7 +46,7 @@ MAX_REPORT_BYTES = 1 << 16
 HOLD_LIMIT = 1.0
 """The timeout in s for the lock of this process. Other processes take the lock for microseconds to test it."""
 TEST_TIME = 0.002
-"""The time in s for which the lock of a dead process may seem to be held, because another process tests the lock."""
+"""The time in s for which the lock of a dead process can seem to be held, because another process tests the lock."""
 STOPPED_TIMEOUT = 0.2
 """The time in s for which a forked process may be stopped (SIGSTOP, a debugger) before it holds its lock."""
 FORK_TIMEOUT = 2.0
@@ -249,7 +249,7 @@ class RunState:
         self._cells[ADMITTED] = 1
 
     def excuse(self, seconds: float) -> None:
-        """Note the time in s for which other processes kept the control process from running."""
+        """Record the time in s for which other processes kept the control process from running."""
         self._cells[EXCUSED] = round(seconds * 1e9)
 
     @property
@@ -283,7 +283,7 @@ class RunState:
         return _get(self._report)
 
     def conclude(self) -> None:
-        """Note that the guardian resets, records or reports the end from now on: its heartbeats may be far apart."""
+        """Record that the guardian resets, records or reports the end from now on: its heartbeats may be far apart."""
         self.watch()
         self._cells[CONCLUDING] = 1
 
@@ -299,7 +299,7 @@ class RunState:
         self.conclude()
 
     def note_told(self) -> None:
-        """Note that the end is recorded and printed, so that no process takes over any more."""
+        """Record that the end is recorded and printed, so that no process takes over any more."""
         self._cells[TOLD] = 1
 
     @property
@@ -317,6 +317,7 @@ def _put(place: SharedText, text: bytes) -> None:
 
 
 def _get(place: SharedText) -> bytes:
-    """Empty as well while it is not whole: its writer was killed or stopped within it."""
+    """Return the stored bytes; empty if they are incomplete because their writer was killed or stopped while
+    writing."""
     found = place.get()
     return b"" if found is None else found[1]

@@ -1,7 +1,7 @@
 """The messages of a guardian to the service manager: start, state, heartbeats and stop of the machine.
 
-The guardian sends these messages, or the standby guardian when it has taken over. The heartbeat for the manager's
-watchdog comes from the control process: without a new heartbeat of this process nothing is sent.
+The guardian sends these messages, or the standby guardian when it has taken over. A heartbeat for the manager's
+watchdog is sent only after a new heartbeat of the control process.
 """
 
 from __future__ import annotations

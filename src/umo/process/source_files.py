@@ -93,7 +93,7 @@ def _folder_of(place: Path) -> Path:
 
 
 def _is_below(file: object, folder: Path, wiring: str) -> bool:
-    """True if it is a file below a folder, by its name alone, and not the wiring."""
+    """Return True if this is a file below a folder, judged only by its name, and not the wiring."""
     path = Path(str(file))
     return file != wiring and ".." not in path.parts and path.is_relative_to(folder)
 
@@ -113,8 +113,8 @@ def changed_text(changed: Sequence[ChangedFile]) -> str:
 
 
 def _modules() -> Iterator[str]:
-    """The absolute paths of the modules that have been imported. None of them is asked: one that is to be imported when
-    it is used stays so."""
+    """Yield the absolute paths of the modules that have been imported. No module is accessed, because this would import
+    a module that is imported on first use."""
     for module in list(sys.modules.values()):
         with suppress(AttributeError):
             file = object.__getattribute__(module, "__dict__").get("__file__")
@@ -123,7 +123,7 @@ def _modules() -> Iterator[str]:
 
 
 def _is_in(file: str, folder: Path) -> bool:
-    """True if it is a file of the folder, and of no package that is installed in it."""
+    """Return True if this is a file of the folder that does not belong to a package installed there."""
     before, inside, name = file.partition(f"{folder}/")
     return bool(inside) and not before and not any(part in f"/{name}" for part in INSTALLED)
 
@@ -149,8 +149,9 @@ def digest_of(file: str) -> str:
 
 @lru_cache(maxsize=1000)
 def _digest_of(file: str, size: int, *version: int) -> str:
-    """The content is read again only where size, times or place of the file are others: the page asks every second.
-    Who copies may set the time of a change, but not the second one, that of the file's entry."""
+    """Return the digest of a file. The content is read again only if the size, the times or the inode of the file have
+    changed, because the page needs the digest every second. A copying program can set the time of modification, but not
+    the time of the inode's change."""
     with Path(file).open("rb") as stream:
         content = hashlib.sha256(stream.read(MAX_FILE_BYTES))
     if size > MAX_FILE_BYTES:

@@ -113,7 +113,8 @@ class Standby:
         return 0
 
     def _make_sure(self) -> None:
-        """End the guardian, and wait for it and its child: only the control process may still write to a device."""
+        """End the guardian, and wait for the end of the guardian and its child. Then only the control process can still
+        write to a device."""
         until = calls.now() + DEATH_TIMEOUT
         self._run_state.end_process(self._guardian, DEATH_TIMEOUT)
         self._run_state.wait(lambda: self._run_state.gone(0.0, Who.RESET), until - calls.now())

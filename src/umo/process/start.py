@@ -155,8 +155,8 @@ class Started:
         self._others["guardian"] = self._guardian
 
     def _begun(self, files: list[int], environ: dict[str, str], job: Job) -> Child:
-        """The process of the guardian, which inherits these files: its end of the channel, and the job. It has a
-        session of its own: Ctrl-C at the terminal is for the starter to pass on."""
+        """Start the process of the guardian, which inherits these files: its end of the channel, and the job. The
+        process has a separate session, so that Ctrl-C at the terminal reaches only the starter, which passes it on."""
         words = [sys.executable, "-m", "umo.process", *map(str, files), station_name(job.name)]
         path = {"PYTHONPATH": os.pathsep.join(filter(None, job.path))}
         return Child(calls.start_program(words, files, FIXED_HASHES | environ | path | ONE_THREAD))
@@ -244,8 +244,8 @@ class Started:
         return 0 if guardian.status is None else os.waitstatus_to_exitcode(guardian.status)
 
     def _look_for_stopped(self) -> None:
-        """Say that no guardian can stop the machine: each has died or was stopped by a signal. Those that were stopped
-        go on as soon as a stop is asked for."""
+        """Add a notice if no process can stop the machine, because each has died or was stopped by a signal. When a
+        stop is requested, the stopped processes are continued."""
         if calls.now() < self._next_look:
             return
         self._next_look = calls.now() + STOPPED_LOOK_INTERVAL

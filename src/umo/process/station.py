@@ -24,7 +24,7 @@ is the station's folder."""
 
 
 class StationError(UmoError, LookupError):
-    """There is no such station, or it lacks a required part."""
+    """The station does not exist, or lacks a required part."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) ->
 
 
 def _instead(root: object) -> str:
-    """Return what to write where a machine was expected."""
+    """Return advice for the message if something else was given in place of a machine."""
     if root is None:
         return ": write `return` before the machine"
     if isinstance(root, type) and issubclass(root, Compound):

@@ -1,8 +1,8 @@
 """A worker process, which serves drivers off the cycle that belong together, next to the control process. The worker
 answers the requests of the process that connects or resets the machine. While the control process lives and requests
 it, the worker makes transfers at the periods of the drivers. It is an ordinary process, which the kernel runs only when
-the control process does not need the processor. If control process and guardians are gone, the worker brings its
-outputs to their defaults and ends.
+the control process does not need the processor. If the control process and the guardians are gone, the worker brings
+its outputs to their defaults and ends.
 """
 
 from __future__ import annotations
@@ -130,12 +130,11 @@ class WorkerProcess:
             server.work()
 
     def _runs(self, proxy: OffCycle) -> bool:
-        """True if the control process still runs the machine, and has not asked for anything else."""
+        """Return True if the control process still runs the machine and has made no other request."""
         return proxy.exchange.asked() is None and not self._run_state.gone(0.0) and not self._control_hangs
 
     def _is_left_alone(self) -> bool:
-        """Wait until something may be due. Return True if no process is left that controls the machine or could reset
-        it."""
+        """Wait until work may be due. Return True if no process is left that controls the machine or could reset it."""
         run_state = self._run_state
         self._lost = run_state.gone(self._slice())
         if not self._lost and not self._control_hangs:
@@ -157,7 +156,7 @@ class WorkerProcess:
         return max(0.0, min(ORDER_INTERVAL, *(proxy.server.seconds_left() for proxy in cyclic)))
 
     def _set_fault_time(self, ns: int) -> None:
-        """Set the time for faults, which act in this process as the control process requests."""
+        """Set the machine's time in ns for injected faults, as provided by the control process."""
         if self._injection is not None:
             self._time.ns = ns
             self._injection.clock = None if ns == NO_TIME else self._time

@@ -52,7 +52,7 @@ def groups_of(wired: Wired) -> list[list[str]]:
 
 
 class _Link(Worker):
-    """A worker, as those see it that ask it."""
+    """A worker process, as seen by the processes that send it requests."""
 
     def __init__(self, run_state: RunState, number: int, cells: Any) -> None:
         self._run_state, self._who, self._cells = run_state, worker(number), cells
@@ -72,22 +72,22 @@ class _Group:
         self.proxies = [driver for name in names if isinstance(driver := wired.drivers[name], OffCycle)]
         self.watchdogs = [wired.watchdogs.get(name) for name in names]
         self.child: Child | None = None
-        """Its process, as the guardian that has forked it knows it."""
+        """The worker's process, for the guardian that has forked it; None if it is not forked."""
         self.ended_for = ""
         """The reason why the worker was killed, as text; "" if it was not."""
         self.given_up = inf
-        """Time in s from which it counts as blocked in the kernel, once it was killed."""
+        """The time in s from which on a worker that was killed counts as blocked in the kernel."""
         self.begun = 0.0
         """Time in s at which the worker was forked."""
         self.generations = self.initialized
-        """The generation of each driver's outputs that had been initialised when it was forked."""
+        """The generation of each driver's outputs that had been initialised when the worker was forked."""
         self.next_fork, self.pause, self.hold = 0.0, FIRST_PAUSE, 0.0
         for proxy in self.proxies:
             proxy.worker = _Link(run_state, number, proxy.exchange.cells)
 
     @property
     def limit(self) -> float:
-        """Timeout in s for its signs of life: it gives one before each call of a driver."""
+        """The timeout in s for the worker's heartbeats. A worker gives a heartbeat before each call of a driver."""
         timeouts: list[float] = [proxy.timeout for proxy in self.proxies]
         return MARGIN + 2 * max(UNCONTROLLED_TIMEOUT, *timeouts)
 
@@ -102,13 +102,13 @@ class _Group:
         return [int(proxy.exchange.cells[Cell.INITIALIZED]) for proxy in self.proxies]
 
     def begin(self) -> None:
-        """Begin the time within which the first sign of life must come."""
+        """Begin the time within which the worker must give its first heartbeat."""
         self.begun, self.generations = calls.now(), self.initialized
         for proxy in self.proxies:
             proxy.exchange.cells[Cell.BEAT] = calls.now_ns()
 
     def note_end(self) -> None:
-        """Note its end, and compute when the next one is forked and how long its outputs remain at their defaults."""
+        """Record the worker's end, and compute the time at which the next worker is forked."""
         now = calls.now()
         if now - self.begun > STABLE_TIME:
             self.hold = 0.0
@@ -119,7 +119,7 @@ class _Group:
         self.child, self.ended_for, self.given_up = None, "", inf
 
     def lengthen(self) -> None:
-        """The hold of the next worker."""
+        """Lengthen the time for which the next worker holds its outputs at their defaults."""
         self.hold = min(max(2 * self.hold, FIRST_HOLD), MAX_HOLD)
 
 
@@ -186,8 +186,8 @@ class Workers:
         return f"; its outputs are set to their defaults{stay}"
 
     def _ending(self, group: _Group) -> str:
-        """Return how it has ended, or was ended, as text; "" while it serves, or is not dead yet: until then no other
-        process may open its device."""
+        """Return as text how the worker has ended, or why it was killed. Return "" while it works or is not dead yet:
+        until then no other process may open its device."""
         child = group.child
         if child is None:
             return ""
@@ -233,6 +233,6 @@ class Workers:
 
 
 def _how(status: int | None) -> str:
-    """Return how a worker has ended by itself."""
+    """Return as text how a worker has ended by itself."""
     killed = status is not None and os.WIFSIGNALED(status)
     return f"was killed ({signal_name(os.WTERMSIG(status))})" if killed and status is not None else "has ended"

@@ -1,2 +1,2 @@
-"""Access to the operating system: priorities, locks, counters, folders, clocks. This package has nothing to do with
+"""Access to the operating system: priorities, locks, counters, folders, clocks. This package does not depend on
 machines."""

@@ -76,9 +76,9 @@ def exit_now(status: int) -> NoReturn:
 
 
 def wait(pid: int) -> tuple[int, int]:
-    """Return the number and status (waitpid(2)) of a child that has ended or was stopped by a signal: the child with
-    this number, or any child (-1). Returns (0, 0) if there is no such child yet. Never waits. Raises ChildProcessError
-    if the process has no such child at all."""
+    """Return the number and status (waitpid(2)) of a child that has ended or was stopped by a signal. `pid`: the number
+    of the child; -1 means any child. Returns (0, 0) if no such child has ended or stopped yet. Never waits. Raises
+    ChildProcessError if the process has no such child at all."""
     return os.waitpid(pid, os.WNOHANG | os.WUNTRACED)
 
 
@@ -219,8 +219,8 @@ def send_message(connection: Socket, data: bytes, files: Sequence[int] = ()) -> 
 
 
 def receive_message(connection: Socket, size: int, most: int) -> tuple[bytes, list[int]]:
-    """Return the next message, of up to `size` bytes, and up to `most` descriptors that came with it. The receiver has
-    to close the descriptors; no program that it starts inherits them. An empty message means that the peer has ended.
+    """Return the next message, of up to `size` bytes, and up to `most` descriptors that came with it. The receiver must
+    close the descriptors. Programs that it starts do not inherit them. An empty message means that the peer has ended.
     The function waits like the socket, so callers call `ready` first or set a timeout."""
     room = socket.CMSG_LEN(most * INT.size)
     data, rights, _, _ = connection.recvmsg(size, room, socket.MSG_CMSG_CLOEXEC)
@@ -384,8 +384,8 @@ class _Timespec(ctypes.Structure):
 
 
 def _lock(mutex: Mutex, within: float) -> int:
-    """The answer of a lock. glibc before 2.30 waits by the wall clock only, which may be set back by a day: the lock is
-    tried again and again there."""
+    """Try to lock, and return 0 or the error number. With glibc before 2.30 the lock is tried repeatedly, because that
+    version waits only by the wall clock, which may be set back."""
     libc, place = _libc(), ctypes.byref(mutex)
     lock = getattr(libc, "pthread_mutex_clocklock", None)
     until = time.monotonic() + within

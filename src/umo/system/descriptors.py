@@ -1,4 +1,5 @@
-"""A check that this process, and the processes that it starts, may open as many files as a run in real time needs."""
+"""A check that this process and the processes that it starts are permitted to open the number of files that a run in
+real time needs."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def holder(device: str) -> str:
 
 
 def _noted(device: str, pid: int) -> tuple[str, float | None]:
-    """The note of the holder about itself: purpose and start time."""
+    """Return the holder's note about itself: purpose and start time."""
     start = f"@{_note(device, pid)}"
     with suppress(OSError, ValueError):
         for line in SOCKET_TABLE.read_text(errors="replace").splitlines():

@@ -139,8 +139,9 @@ class DeviceRecord:
             raise
 
     def _find_elsewhere(self) -> list[Ended]:
-        """Unsafe ends of the same launch on devices that the wiring no longer names, as where a link in /dev or the
-        name of a host leads to another device file or address after a restart. What is held is another run's."""
+        """Return the unsafe ends of the same launch on devices that the wiring no longer names. This is possible if a
+        link in /dev or the name of a host leads to another device file or address after a restart. A device that is
+        held belongs to another run."""
         if not (self._launch and self._devices):
             return []
         mine = [ended for ended in _all(f"*{SUFFIX}") if ended.mine and ended.launch == self._launch]
@@ -148,7 +149,7 @@ class DeviceRecord:
         return [each for each in others if not is_held(each.device)]
 
     def _note(self, device: str, before: Iterable[Ended]) -> None:
-        """Note the records of a device, and which of them this run acknowledges."""
+        """Remember the records of a device, and which of them this run acknowledges."""
         mine = _own(device)
         self._seen[device] = [*(mine.seen if mine else []), *(ended.id for ended in before if not ended.mine)]
         if mine:
@@ -165,7 +166,7 @@ class DeviceRecord:
         self._remove_elsewhere()
 
     def _remove_elsewhere(self) -> None:
-        """Remove records that were acknowledged: this run's own records say how it ended."""
+        """Remove the records that were acknowledged, because this run's own records say how it ended."""
         for ended in self._elsewhere:
             with suppress(OSError):
                 now = _own(ended.device)
@@ -264,7 +265,7 @@ def _unknown(device: str, path: Path, owner: int, why: str) -> Ended:
 
 
 def _id_of(path: Path) -> str:
-    """An id for a record without one: it changes when the file is written again."""
+    """Return an id for a record that contains none. The id changes when the file is written again."""
     written = 0
     with suppress(OSError):
         written = path.lstat().st_mtime_ns
@@ -288,9 +289,9 @@ def _replace(path: Path, content: dict[str, Any]) -> None:
 
 
 class DeviceClaim:
-    """The claim to the devices of a run, created before a driver is opened. Raises DeviceHeld, or AcknowledgeRequired
-    unless `acknowledge` is given. Each method of the claim ends it. If a process ends before, its record shows an
-    unsafe end.
+    """The claim to the devices of a run, created before a driver is opened. Raises DeviceHeld if another process holds
+    a device, and AcknowledgeRequired if an unsafe end was not acknowledged (`acknowledge`). Each method of the claim
+    ends it. If the process ends before that, its record shows an unsafe end.
     """
 
     def __init__(
@@ -308,12 +309,12 @@ class DeviceClaim:
             raise
 
     def finish(self) -> None:
-        """Note that every actuator is at its default, after an ordinary end."""
+        """Record that every actuator is at its default, after an ordinary end."""
         self._record.finish()
         self.hold.release()
 
     def abandon(self) -> None:
-        """Note that the machine was not connected: an earlier unsafe end still has to be acknowledged."""
+        """Record that the machine was not connected: an earlier unsafe end still has to be acknowledged."""
         self._record.abandon()
         self.hold.release()
 

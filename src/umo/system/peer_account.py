@@ -62,7 +62,8 @@ def is_own(connection: socket.socket | TransportSocket | None) -> bool:
 
 
 def _connections(table: str, port: int, other: int) -> Iterator[tuple[bytes, int]]:
-    """The connections from one port to another: own address and uid of each. None if the kernel has no such table."""
+    """Yield the own address and the uid of each connection from one port to another. Yield nothing if the kernel has no
+    such table."""
     ports = f":{port:04X} ", f":{other:04X} "
     with suppress(OSError):
         for line in (TABLES / table).read_text().splitlines()[1:]:
@@ -75,6 +76,7 @@ def _connections(table: str, port: int, other: int) -> Iterator[tuple[bytes, int
 
 
 def _packed(text: str) -> bytes:
-    """An address of the tables, which write words of 32 bits as this processor has them."""
+    """Return the bytes of an address in the tables, which contain words of 32 bits in the byte order of this
+    processor."""
     words = (text[place : place + 2 * WORD] for place in range(0, len(text), 2 * WORD))
     return b"".join(int(word, 16).to_bytes(WORD, sys.byteorder) for word in words)

@@ -170,7 +170,8 @@ def parent_of_this(pid: int) -> ProcessHandle | None:
 
 
 def is_used(pid: int) -> bool:
-    """Return True if some process has this number. It may be a process other than before, so do nothing to it."""
+    """Return True if some process has this number. It may be another process than the one that had the number before,
+    so do nothing to it."""
     try:
         calls.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -231,7 +232,8 @@ def parent_of(pid: int) -> int:
 
 
 def _start_time(pid: int) -> str:
-    """Clock ticks since the start of the computer, as text; empty if there is no such process, or they are unknown."""
+    """Return the start time of a process as text, in clock ticks since the start of the computer; empty if there is no
+    such process, or the time is unknown."""
     fields = _stat(pid)
     return fields[START] if len(fields) > START else ""
 
@@ -272,12 +274,12 @@ def title_of(pid: int) -> str:
 
 
 def _stat(pid: int) -> list[str]:
-    """The fields of proc_pid_stat(5) from the state on; empty where there is no such process."""
+    """Return the fields of proc_pid_stat(5) from the state on; empty if there is no such process."""
     return calls.stat_of(pid).rpartition(")")[2].split()
 
 
 def _status(pid: int) -> str:
-    """The text of proc_pid_status(5); empty where there is no such process."""
+    """Return the text of proc_pid_status(5); empty if there is no such process."""
     with suppress(OSError):
         return Path(f"/proc/{pid}/status").read_text(errors="replace")
     return ""

@@ -58,7 +58,7 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
     """Freeze the garbage collector and switch it off, lock the memory, set SCHED_FIFO at `priority` (1 to 99), and
     reserve a core. Return the settings that were refused.
 
-    Without `cpu` the process is pinned only under SCHED_FIFO, to an isolated core or else to the last one: under
+    Without `cpu` the process is pinned only under SCHED_FIFO: to an isolated core, or else to the last core. Under
     another policy it could not avoid a busy process on that core. Never raises."""
     gc.collect()
     gc.freeze()
@@ -104,9 +104,9 @@ def default_busy_wait(period: float, compiled: bool = False) -> float:
 
 
 def prepare_guardian(priority: int, cpu: int | None = None) -> None:
-    """Set the guardian's priority one above the control process, so that an endless loop there cannot block the
-    guardian, and keep the guardian off the core that `prepare` takes with the same arguments. Both are done only if the
-    operating system permits them."""
+    """Set the guardian's priority one above that of the control process, so that an endless loop there cannot block the
+    guardian. Also keep the guardian off the core that `prepare` takes with the same arguments. Both are done only if
+    the operating system permits them."""
     if not sys.platform.startswith("linux"):
         return
     leave_core(choose_core(cpu, use_fifo(priority + 1) is None))
@@ -151,10 +151,10 @@ def lock_memory() -> Refusal | None:
 
 
 def touch_memory(libc: ctypes.CDLL) -> bool:
-    """Touch all memory of this process except the idle part: the buffers and code of numpy's linear algebra and of the
-    modules that only read wirings, 70 MB that no loop needs; and code of numpy and the C++ library that has not run
-    yet, 10 MB: this code is read from the disk, and its first use in the loop is a page fault, which takes 4 us for 16
-    pages. Return False if the kernel cannot do this (madvise(2), Linux 5.14); then lock everything."""
+    """Touch all memory of this process except two idle parts. The first part is 70 MB that no loop needs: buffers and
+    code of numpy's linear algebra, and of modules that only read wirings. The second part is 10 MB of code of numpy and
+    the C++ library that has not run yet. Its first use in the loop is a page fault, which takes 4 us for 16 pages.
+    Return False if the kernel cannot do this (madvise(2), Linux 5.14); then lock everything."""
     touched = False
     for line in Path("/proc/self/maps").read_text().splitlines():
         words = line.split()
@@ -248,7 +248,8 @@ class CorePlace:
 
 
 def _places(cpu: int | None) -> Iterator[tuple[int, int]]:
-    """Cores and places on them in the order of trying: empty cores first, of these the isolated ones, then the last."""
+    """Yield cores, each with the number of a place on it, in the order in which they are tried. Cores without other
+    places come first; among these, isolated cores, then the core with the highest number."""
     allowed, isolated = os.sched_getaffinity(0), set(isolated_cores())
     if cpu is None and len(allowed) < 2:
         return

@@ -42,22 +42,22 @@ all (PIPE_BUF is 4096)."""
 
 
 class _Stream(io.FileIO):
-    """A descriptor that accepts all text and drops what it cannot write. `lost` counts the lines that were dropped as
-    they were not taken in time."""
+    """A descriptor that accepts all text, and drops text that it cannot write. `lost` counts the lines that were
+    dropped because the reader did not accept them in time."""
 
     def __init__(self, number: int, patience: float = inf) -> None:
         super().__init__(number, "w", closefd=False)
         self.patience = patience
-        """Time in s for which a write waits for a reader that takes nothing. The rest then waits in memory, and no
-        further write waits until the reader takes something. 0: no write waits; inf: each does."""
+        """Time in s for which a write waits for a reader that accepts nothing. After that the rest of the text stays in
+        memory, and no write waits until the reader accepts something. 0: no write waits; inf: every write waits."""
         self.lost = 0
         self._waiting = bytearray()
         self._is_stalled = False
-        """True if the reader has taken nothing for as long as is waited."""
+        """True if the reader has accepted nothing for `patience` s."""
         self._sender: tuple[Callable[[bytes], int], Callable[[], None]] | None = None
 
     def set_patience(self, seconds: float) -> None:
-        """From now on a write waits for so long; also for a reader that has not taken anything in an earlier one."""
+        """Set `patience`. The next write waits again, even if the reader accepted nothing during an earlier write."""
         self.patience, self._is_stalled = seconds, False
 
     def write(self, data: object) -> int:
@@ -80,7 +80,7 @@ class _Stream(io.FileIO):
         super().close()
 
     def send_waiting(self) -> None:
-        """Send what the reader takes now, or in time; then the number of the lines that were lost, if any were."""
+        """Send the text that the reader accepts now or in time, and then the number of lost lines, if any were lost."""
         self._send_in_time()
         if self.lost and not self._waiting:
             self._waiting += f"\numo: {lost_lines(self.lost)}\n".encode()
@@ -105,7 +105,7 @@ class _Stream(io.FileIO):
             late.add(self)
 
     def _send_in_time(self) -> None:
-        """Send what the reader takes until it has taken nothing for `patience` s."""
+        """Send text until all is sent, or the reader has accepted nothing for `patience` s."""
         until = monotonic() + self.patience
         while self._send_some() and not self._is_stalled:
             left, before = until - monotonic(), len(self._waiting)
@@ -118,7 +118,7 @@ class _Stream(io.FileIO):
                     until = monotonic() + self.patience
 
     def _send_some(self) -> int:
-        """Send what is accepted at once. Return the number of bytes that are left."""
+        """Send the text that is accepted immediately. Return the number of bytes that are left."""
         if self._sender is None:
             self._sender = _sender(self.fileno())
         while self._waiting:
@@ -144,9 +144,9 @@ def lost_lines(count: int) -> str:
 
 
 def _sender(number: int) -> tuple[Callable[[bytes], int], Callable[[], None]]:
-    """A function that writes bytes to a descriptor and never waits, and one that gives up what that needs. The first
-    raises BlockingIOError where it would have to wait. O_NONBLOCK must not change the stream of others, so a pipe or
-    terminal is opened again."""
+    """Return a function that writes bytes to a descriptor without waiting, and a function that closes the resources of
+    the first one. The first function raises BlockingIOError if it would have to wait. A pipe or terminal is opened
+    again, so that O_NONBLOCK does not affect other processes."""
     with suppress(OSError):
         kind = os.fstat(number).st_mode
         if stat.S_ISSOCK(kind):
@@ -265,7 +265,7 @@ def _handlers(log: logging.Logger) -> list[logging.Handler]:
 
 
 def _would_wait(stream: Any) -> bool:
-    """True if a line written to a stream may have to wait: that of a descriptor that takes nothing now."""
+    """Return True if a line written to a stream might have to wait, because its descriptor accepts nothing now."""
     if stream is None or ((raw := _raw(stream)) is not None and raw.patience < inf):
         return False
     try:

@@ -16,8 +16,8 @@ SCHEDSTAT = "/proc/thread-self/schedstat"
 
 
 class Usage:
-    """The counts since the object was made: the nine numbers of `layout.USAGE`. Numbers that a platform does not have
-    stay 0."""
+    """The counts since the object was made: the nine numbers of `layout.USAGE`. Numbers that a platform does not
+    provide remain 0."""
 
     def __init__(self) -> None:
         self._thread = getattr(resource, "RUSAGE_THREAD", None)

@@ -16,7 +16,7 @@ UNSYNCHRONISED = 0x40
 
 
 class _Timex(ctypes.Structure):
-    """The struct timex of adjtimex(2), up to `status`; the rest is room."""
+    """The struct timex of adjtimex(2), up to `status`; the rest is reserved space."""
 
     _fields_ = (
         ("modes", ctypes.c_uint),

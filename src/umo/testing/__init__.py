@@ -1,5 +1,5 @@
-"""Helpers for the tests of users: a scripted circuit, virtual time, the loop in one call, and the conformance kit for
-drivers. The kit for faces is in `umo.clients.faces.conformance`.
+"""Helpers for users' tests: a scripted circuit, virtual time, a function that runs the loop, and the conformance kit
+for drivers. The kit for faces is in `umo.clients.faces.conformance`.
 
     def test_the_valve_closes_when_the_pressure_is_high():
         box = Scripted()

@@ -32,7 +32,7 @@ class LinkPeer:
     driven."""
 
     def __init__(self, stream: Stream, plan: PartPlan, patience: float) -> None:
-        """`patience`: time in s for which an answer is waited for."""
+        """`patience`: the timeout in s for an answer."""
         self._stream, self._plan, self._states = stream, plan, StateReader(plan)
         self._reader = FrameReader(plan.longest)
         self._nonces = count(int(monotonic() * 1e6) & 0xFFFF_0000)

@@ -57,8 +57,8 @@ def greeting(trial: LinkTrial) -> None:
             names = "version, hash and bytes of a real"
             raise RuleBroken(f"its {names} are {', '.join(map(str, has))}, not {', '.join(map(str, expected))}")
         if not first.session or first.session != again.session or other.session == first.session:
-            sessions = f"{first.session} and {again.session}, another one {other.session}"
-            raise RuleBroken(f"the same nonce twice is offered the sessions {sessions}")
+            sessions = f"{first.session} and {again.session}, and another nonce the session {other.session}"
+            raise RuleBroken(f"two greetings with the same nonce are offered the sessions {sessions}")
 
 
 def another_part(trial: LinkTrial) -> None:
@@ -71,7 +71,7 @@ def another_part(trial: LinkTrial) -> None:
         return
     finally:
         host.close()
-    raise RuleBroken(f"the hash of another part, {others.hash}, is answered as its own")
+    raise RuleBroken(f"a greeting with the hash of another part, {others.hash}, is answered like one with its own hash")
 
 
 def not_started(trial: LinkTrial) -> None:
@@ -93,7 +93,7 @@ def values(trial: LinkTrial) -> str:
         for _ in range(EXCHANGES):
             state = _running(trial, peer.asked(EXCHANGE))
             if state.number <= last.number:
-                raise RuleBroken(f"after period {last.number} an answer is of period {state.number}")
+                raise RuleBroken(f"an answer of period {state.number} came after an answer of period {last.number}")
             _at_defaults(trial, state)
             missing |= {model.objects[n].path for n, failed in enumerate(state.failed) if failed}
             last = state

@@ -58,7 +58,7 @@ def assert_no_error(
 def _replayed(
     file: Path | str, station: Path | str | None, wiring: Path | str | None, check: str, damaged: bool
 ) -> Replayed | None:
-    """The replay. None: it was made, and checked, in a process of its own."""
+    """Return the replay, or None if it was made and checked in a separate process."""
     from umo.recording.replay.code_given import CodeGiven
     from umo.recording.replay.opening import opened, other_hash_seed
     from umo.recording.replay.program import Program

@@ -131,7 +131,7 @@ class Scripted(Driver, HasWatchdog):
     # Inside ------------------------------------------------------------------------------------------
 
     def _call(self, segment: str, channels: Sequence[Channel] = (), raws: tuple[Any, ...] = ()) -> Any:
-        """Note the call and carry out its script. Return the scripted reading, or None."""
+        """Record the call and carry out its script. Return the scripted reading, or None."""
         call = Call(len(self.calls), segment, tuple(channel.text for channel in channels), raws)
         self.calls.append(call)
         action = self._actions.pop(call.number, None)

@@ -15,8 +15,8 @@ class VirtualTimer(Driver):
         VirtualTimer(missed=[0, 0, 3])        the third read finds 3 ticks passed, then on time again
         VirtualTimer(end_after=1000)          in period 1000 the machine is asked to stop, like by SIGTERM
 
-    `on_period(number)` is called at the start of each period, from 1. The timer can also be used in a TOML file, as
-    `type = "umo.testing:VirtualTimer"` with the options `missed` and `end_after`.
+    `on_period(number)` is called at the start of each period; periods are counted from 1. The timer can also be used in
+    a TOML file, as `type = "umo.testing:VirtualTimer"` with the options `missed` and `end_after`.
     """
 
     def __init__(

@@ -85,7 +85,7 @@ class InjectedFault:
 
 
 def _number_text(number: object) -> str:
-    """The shortest text of a number that is read as the same one."""
+    """Return the shortest text that is read as the same number."""
     return repr(number).removesuffix(".0")
 
 

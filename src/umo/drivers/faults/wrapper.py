@@ -120,7 +120,8 @@ class FaultyDriver(Wrapper, Looks):
         return [each for each in acting if each.channel is None or (each.output is output and _text(each) in texts)]
 
     def _begin(self, effects: Sequence[Effect]) -> dict[str, Exception | str]:
-        """A call: raises if it fails as a whole. The channels that are lost, each with its cause."""
+        """Begin a call, and return the channels that are lost, each with its cause. Raises an error if the whole call
+        fails."""
         if takes := max((effect.takes for effect in effects), default=0.0):
             self._delay(takes)
         if any(effect.mistake for effect in effects):
@@ -135,8 +136,8 @@ class FaultyDriver(Wrapper, Looks):
         return lost
 
     def _delay(self, seconds: float) -> None:
-        """A call beyond the timeout is a DeviceTimeout. Virtual time stands still during a call, so there a shorter
-        delay has no effect. Several delays pass at the same time."""
+        """Delay a call. Raises DeviceTimeout if the delay is not shorter than the timeout. Virtual time stands still
+        during a call, so a shorter delay has no effect there. Several delays pass at the same time."""
         if self._injection.waits:
             time.sleep(min(seconds, self.timeout))
         if seconds >= self.timeout:
@@ -240,7 +241,7 @@ class FaultyDriver(Wrapper, Looks):
             raise ChannelsFailed(lost)
 
     def _kept(self, channels: Sequence[Channel], effects: Sequence[Effect], lost: Mapping[str, object]) -> list[int]:
-        """The places of the channels that are transferred."""
+        """Return the indices of the channels that are transferred."""
         ends = {_text(effect) for effect in effects if effect.short}
         stop = next((i for i, channel in enumerate(channels) if channel.text in ends), len(channels))
         return [i for i in range(stop) if channels[i].text not in lost]
@@ -248,7 +249,7 @@ class FaultyDriver(Wrapper, Looks):
 
 @contextmanager
 def _marked(changed: bool) -> Iterator[None]:
-    """A level that a fault has `changed` may be one that the driver or the device refuses: then that says so."""
+    """Return a context in which the error for a refused level says that a fault has `changed` the level."""
     try:
         yield
     except DriverError as error:
@@ -258,7 +259,7 @@ def _marked(changed: bool) -> Iterator[None]:
 
 
 def _partly(transfer: Any) -> Mapping[str, str]:
-    """Make a block transfer; the channels of it that failed."""
+    """Make a block transfer, and return the channels that failed, each with its cause."""
     try:
         transfer()
     except ChannelsFailed as error:

@@ -46,9 +46,9 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
     integer of a float has 48 bits with its sign; readings are rounded, half to even. If the model description has a
     unit that pint knows, a wiring is checked against SCALE in that unit.
 
-    Errors: DriverError with the message of the model. After an error, or a step that it could not complete, the model
-    cannot be used until it is opened again. A value that is NaN, infinite or too large fails for its channel alone. A
-    call into a model cannot be interrupted: `timeout` does not bound it.
+    Errors: DriverError with the message of the model. After an error, or after a step that the model could not
+    complete, the model cannot be used until it is opened again. A value that is NaN, infinite or too large is a failure
+    of its channel only. A call into a model cannot be interrupted: `timeout` does not bound it.
     """
 
     simulates_time = True
@@ -103,7 +103,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
             self._instance = None
 
     def _check_step(self) -> None:
-        """FMI 3.0: a step is a multiple of the model's fixed internal one."""
+        """Check, for FMI 3.0, that a step is a multiple of the model's fixed internal step."""
         fixed, size = self._description.coSimulation.fixedInternalStepSize, self.period / self._substeps
         fixed = float(fixed or 0.0)
         if fixed and size and (size < fixed / 2 or abs(size / fixed - round(size / fixed)) > 1e-6):
@@ -113,7 +113,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
     # Transfers -----------------------------------------------------------------------------------
 
     def reset(self, channel: FmuChannel, default: int | None) -> None:
-        """Write the default. A model that has failed has no levels any more; then nothing is written."""
+        """Write the default. A model that has failed has no levels any more, so nothing is written to it."""
         if not self._opened().lost:
             super().reset(channel, default)
 
@@ -138,7 +138,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
         self.write_many(channels, np.array(raws, np.int64))
 
     def _is_lost(self, error: DriverError) -> bool:
-        """True if the model has failed: it transfers nothing any more."""
+        """Return True if the model has failed, so that it transfers nothing any more."""
         return bool(self._opened().lost)
 
     def report(self) -> Mapping[str, Any]:
@@ -160,7 +160,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
         return self._instance
 
     def _advance(self) -> None:
-        """One period. The grid of steps is counted, so that its errors do not add up."""
+        """Advance the model by one period. The steps are counted, so that errors of rounding do not add up."""
         instance = self._opened()
         if not self.period > 0:
             raise DriverError("the period is 0 s; give the timer a period in its wiring")
@@ -170,7 +170,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
             self._steps += 1
 
     def _grouped(self, verb: str, channels: Sequence[FmuChannel]) -> list[_Group]:
-        """The channels by type, each type with its buffer."""
+        """Return the channels grouped by type; each type has a buffer."""
         instance = self._opened()
         _check_directions(verb, channels)
         return [_Group(instance, verb, kind, channels) for kind in dict.fromkeys(each.kind for each in channels)]
@@ -195,7 +195,8 @@ class _Group:
             if verb == "Set" and any(size > 1 for size in sizes.values())
             else None
         )
-        """Reads the elements that are not set: FMI sets arrays as a whole."""
+        """The call that reads the elements that are not set, because FMI sets arrays as a whole; None if it is not
+        needed."""
         scales = [channel.scale for channel in self._channels]
         self._scales = None if None in scales else np.array(scales, float)
         self._few = scales if None not in scales and len(scales) <= _FEW_FLOATS else []
@@ -223,7 +224,7 @@ class _Group:
             self._keep_good(values, counts, out)
 
     def _rounded(self, values: npt.NDArray[Any]) -> list[int]:
-        """The raw integers of a few floats; empty if one does not fit."""
+        """Return the raw integers of a few floats; empty if one of them does not fit."""
         try:
             found = [round(value / scale) for value, scale in zip(values.tolist(), self._few, strict=True)]
         except (ValueError, OverflowError):  # NaN, infinity
@@ -231,7 +232,7 @@ class _Group:
         return found if min(found) >= self._lowest and max(found) <= self._highest else []
 
     def _keep_good(self, values: npt.NDArray[Any], counts: npt.NDArray[Any], out: IntArray) -> None:
-        """Raise ChannelsFailed for the readings that are not raw integers; the others stand."""
+        """Store the readings that are raw integers. Raises ChannelsFailed for the others."""
         good = (counts >= self._lowest) & (counts <= self._highest)  # a NaN is neither
         out[np.arange(len(out))[self._places][good]] = counts[good]
         bad = np.flatnonzero(~good)

@@ -37,14 +37,16 @@ _numbers = count(1)
 
 
 def _log(number: int | None, _name: bytes | None, status: int, _category: bytes | None, message: bytes | None) -> None:
-    """A message of an instance, by the number that it was given as its environment. Only what has gone wrong is kept:
-    logging is on, as some models say nothing at all without it, and others report every call then."""
+    """Keep a message of an instance if it reports a warning or an error. `number` identifies the instance: it was
+    passed to it as its environment. Logging is on, because some models otherwise report no errors; other models then
+    report every call."""
     if status >= WARNING and number in _logs:
         _logs[number].append(" ".join((message or b"").decode(errors="replace").split())[:MAX_MESSAGE_LENGTH])
 
 
 _logger = fmi2.fmi2CallbackLoggerTYPE(_log)
-"""One for all instances and for good: FMPy's proxy, which formats the messages of FMI 2.0, has one place for it."""
+"""The logger of all instances, which is never replaced: FMPy's proxy, which formats the messages of FMI 2.0, has only
+one logger."""
 
 
 class FmuInstance:
@@ -104,13 +106,15 @@ class FmuInstance:
             raise self._end(ended[3])
 
     def _end(self, time: float) -> DriverError:
-        """The model has asked for the end of the simulation: it cannot be stepped or set any more, only read."""
+        """Record that the model has requested the end of the simulation, and return the error. The model can then only
+        be read."""
         self.time, self.ended = time, True
         self.lost = f"the model has ended its simulation at {number_text(time)} s{self._said()}"
         return DriverError(self.lost)
 
     def _ended_by_itself(self) -> float | None:
-        """FMI 2.0 (4.2.3): whether a step was discarded since the model wants to end; the time that it has reached."""
+        """Return the time that the model has reached if a step was discarded because the model wants to end (FMI 2.0,
+        4.2.3); otherwise None."""
         if self._is3 or self._status != DISCARD:
             return None
         ended, last = fmi2.fmi2Boolean(), fmi2.fmi2Real()
@@ -141,8 +145,8 @@ class FmuInstance:
             self._folder.cleanup()
 
     def _let_go_of_python(self) -> None:
-        """A library of PythonFMU that is still loaded when the process ends calls this by itself, on memory that the
-        destructors of C++ have freed before (0.7.0); a second call does nothing."""
+        """Finalise the Python interpreter of a PythonFMU library now. Otherwise the library does this when the process
+        ends, on memory that C++ destructors have already freed (0.7.0). A second call does nothing."""
         if (function := getattr(getattr(self._fmu, "dll", None), "finalizePythonInterpreter", None)) is not None:
             function()
 
@@ -164,12 +168,12 @@ class FmuInstance:
         return (self._type(kind) * size)()
 
     def _type(self, name: str) -> Any:
-        """FMI's own type, such as fmi2Real."""
+        """Return FMI's own type, such as fmi2Real."""
         return getattr(fmi3 if self._is3 else fmi2, self._prefix + name)
 
     @property
     def readable(self) -> bool:
-        """True if the variables can be read: if the instance has not failed. It may have ended."""
+        """True if the variables can be read. This is so unless the instance has failed, and also after it has ended."""
         return self.ended or not self.lost
 
     def value(self, variable: Any) -> Any:
@@ -191,7 +195,7 @@ class FmuInstance:
         return arranged([_plain(each, kind) for each in buffer], shape)
 
     def call(self, function: Any, *arguments: Any) -> Any:
-        """Make a call of FMI. Raises DriverError if the model refuses it, has failed before or has ended."""
+        """Make a call of FMI. Raises DriverError if the model refuses the call, has failed earlier or has ended."""
         if self.lost:
             raise DriverError(self.lost)
         return self._call(function, *arguments)
@@ -212,7 +216,7 @@ class FmuInstance:
         return DriverError(text)
 
     def _said(self) -> str:
-        """The model's last message, to append to an error."""
+        """Return the model's last message as text to append to an error."""
         return f": {self._log[-1]}" if self._log else ""
 
     # Loading -------------------------------------------------------------------------------------
@@ -262,14 +266,14 @@ class FmuInstance:
 
 
 def _check_status(name: str, status: int, *_: object) -> int:
-    """FMPy's own error for a call that has failed."""
+    """Raise FMPy's own error for a call that has failed."""
     if status > WARNING:
         raise FMICallException(function=name, status=status)
     return status
 
 
 def _plain(value: Any, kind: str) -> float | int | bool | str | None:
-    """A value of this type as FMI gives it, as plain data, or None if it is not finite."""
+    """Return a value of this type, as FMI gives it, as plain data; None if it is not finite."""
     if kind == "String":
         return (value or b"").decode(errors="replace")
     if kind in FLOATS:

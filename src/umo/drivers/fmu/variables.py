@@ -22,8 +22,8 @@ from umo.text import COMPARED_NAMES, others
 
 TICK = "tick"
 FLOAT_BITS = 48
-"""Bits of a float's raw integer, with its sign. If such an integer is multiplied by a scale and divided by it in
-doubles, it is unchanged."""
+"""Bits of a float's raw integer, with its sign. Such an integer is unchanged after multiplication by a scale and
+division by it in double precision."""
 FLOATS = ("Real", "Float64", "Float32")
 INTEGERS: Mapping[str, tuple[int, bool]] = {
     "Boolean": (1, False),
@@ -95,7 +95,9 @@ def _described(file: Path, changed: int) -> Any:
     if not description.fmiVersion.startswith(("2.", "3.")):
         raise WiringError(f"model: {file} is of FMI {description.fmiVersion}; umo runs FMI 2.0 and 3.0")
     if description.coSimulation is None:
-        raise WiringError(f"model: {file} is not for co-simulation; umo does not run other kinds: export it as one")
+        raise WiringError(
+            f"model: {file} is not for co-simulation; umo runs only co-simulation units: export the model again as one"
+        )
     return description
 
 
@@ -139,20 +141,20 @@ def channel_of(description: Any, text: str) -> FmuChannel:
 
 
 def _element(variables: Mapping[str, Any], name: str) -> tuple[Any, tuple[int, ...]]:
-    """The array and the indices of `NAME[2,3]`; None for any other name."""
+    """Return the array and the indices of `NAME[2,3]`; None for any other name."""
     if (found := _INDEXED.fullmatch(name)) is None or (variable := variables.get(found[1])) is None:
         return None, ()
     return (variable, tuple(map(int, found[2].split(",")))) if variable.dimensions else (None, ())
 
 
 def _first_of(description: Any, variable: Any) -> str:
-    """The name of a variable; of an array, of its first element."""
+    """Return the name of a variable; for an array, the name of its first element."""
     shape = shape_of(description, variable)
     return f"{variable.name}[{','.join('1' * len(shape))}]" if shape else variable.name
 
 
 def _place_of(name: str, indices: tuple[int, ...], shape: tuple[int, ...]) -> int:
-    """The place of an element among the values of an array, row by row; indices are from 1."""
+    """Return the place of an element among the values of an array, counted row by row. Indices start at 1."""
     if len(indices) != len(shape) or not all(1 <= i <= size for i, size in zip(indices, shape, strict=True)):
         first, last = ",".join("1" * len(shape)), ",".join(map(str, shape))
         raise WiringError(f"{name} is an array: its elements are {name}[{first}] to {name}[{last}]")
@@ -163,7 +165,7 @@ def _place_of(name: str, indices: tuple[int, ...], shape: tuple[int, ...]) -> in
 
 
 def _units(variable: Any) -> str | None:
-    """The variable's unit as pint writes it; None for a difference of absolute values, such as a temperature
+    """Return the variable's unit as pint writes it; None for a difference of absolute values, such as a temperature
     difference."""
     declared = variable.declaredType
     if variable.relativeQuantity or (variable.relativeQuantity is None and declared and declared.relativeQuantity):
@@ -174,7 +176,7 @@ def _units(variable: Any) -> str | None:
 
 @lru_cache(maxsize=256)
 def _known_to_pint(text: str) -> str | None:
-    """`m3/s` of FMI is `m**3/s`, `N.m` is `N*m`. None: pint does not know it."""
+    """Return the unit in pint's spelling: `m3/s` of FMI is `m**3/s`, `N.m` is `N*m`. None if pint does not know it."""
     if len(text) > MAX_UNIT_LENGTH or not _UNIT.fullmatch(text):
         return None
     units = _DIGIT.sub(r"**\1", text.replace("^", "").replace(".", "*"))
@@ -210,7 +212,7 @@ def check_start(description: Any, name: str, value: float | str) -> None:
 
 
 def _unfit(description: Any, variable: Any, value: float | str) -> str:
-    """What the variable takes, if it does not take this value."""
+    """Return what the variable accepts, as text, if it does not accept this value; otherwise ""."""
     if variable.type == "String":
         return "" if isinstance(value, str) else "a text"
     kind, bits, signed = _raw(description, variable, variable.name)
@@ -224,7 +226,7 @@ def _unfit(description: Any, variable: Any, value: float | str) -> str:
 
 
 def _parted(text: str) -> tuple[str, float | None]:
-    """Name and scale. The name of a variable may have a colon in it."""
+    """Return name and scale. The name of a variable can contain a colon."""
     name, colon, number = text.rpartition(":")
     try:
         scale = float(number)
@@ -259,7 +261,7 @@ def arranged(values: list[Any], shape: tuple[int, ...]) -> Any:
 
 
 def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
-    """Kind, width and sign of the variable's raw integer."""
+    """Return type, width and sign of the variable's raw integer."""
     kind = kind_of(description, variable)
     if kind in FLOATS:
         return kind, FLOAT_BITS, True
@@ -269,7 +271,7 @@ def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
 
 
 def _is_channel(description: Any, variable: Any) -> bool:
-    """True if a channel can name it."""
+    """Return True if a channel can name the variable."""
     try:
         _raw(description, variable, variable.name)
         _direction(variable, variable.name)
@@ -287,7 +289,8 @@ def _direction(variable: Any, text: str) -> Direction:
 
 
 def _nearest(name: str, variables: Mapping[str, Any]) -> list[str]:
-    """Some variables: those that are most alike, then those that contain the name, then the first."""
+    """Return the names of some variables: first the most similar names, then names that contain the given name, then
+    the model's first variables."""
     known = list(variables)[:COMPARED_NAMES]
     near = difflib.get_close_matches(name[:200], known, n=LISTED_NAMES, cutoff=0.5)
     within = [each for each in known if name.lower() in each.lower()]

@@ -88,7 +88,7 @@ def checked(bias: str, drive: str, active_low: bool, debounce: str) -> Settings:
 
 
 def _with(settings: Settings, word: str, text: str) -> Settings:
-    """The settings with one more word of a channel's text."""
+    """Return the settings with the change that one word of a channel's text requests."""
     key, _, value = word.partition("=")
     if key == "bias" and value in BIASES:
         return replace(settings, bias=value)
@@ -102,7 +102,7 @@ def _with(settings: Settings, word: str, text: str) -> Settings:
 
 
 def _microseconds(text: object) -> int | None:
-    """None for what is not a duration, or too long."""
+    """Return a duration in us; None if the text is not a duration, or if the duration is too long."""
     try:
         period = round(seconds(text) * 1e6) if isinstance(text, str) else -1
     except DeclarationError:

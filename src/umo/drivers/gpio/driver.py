@@ -126,12 +126,13 @@ class Gpio(BlockDriver[GpioChannel]):
         return self._begin().plan(channels)
 
     def _forget(self) -> None:
-        """The lines have changed: all transfers are planned afresh."""
+        """Discard the plans of all transfers, because the lines have changed."""
         self._reads.clear()
         self._writes.clear()
 
     def _begin(self) -> Lines:
-        """The chip is open; one that had gone is opened again, its lines initialised as before."""
+        """Return the lines of the open chip. A chip that had gone is opened again, and its lines are initialised as
+        before."""
         if self._lines is None:
             raise DriverError("it is not open")
         if not self._lines.connected:
@@ -145,7 +146,7 @@ class Gpio(BlockDriver[GpioChannel]):
         return self._lines
 
     def _called(self, call: Callable[[], T]) -> T:
-        """A call of the chip. Raises DriverError if the system refuses it."""
+        """Make a call of the chip. Raises DriverError if the system refuses it."""
         try:
             return call()
         except DriverError:
@@ -154,7 +155,7 @@ class Gpio(BlockDriver[GpioChannel]):
             raise self._failed(error) from error
 
     def _failed(self, error: OSError) -> DriverError:
-        """A chip that has gone is released; the next call opens it again."""
+        """Return the error. A chip that has gone is released; the next call opens it again."""
         if self._lines is not None and error.errno == errno.ENODEV:
             self._forget()
             self._lines.disconnect()

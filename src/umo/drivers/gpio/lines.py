@@ -28,7 +28,7 @@ CONSUMER = "umo"
 MAX_REQUEST_LINES = 64
 """Largest number of lines of one request (GPIO_V2_LINES_MAX)."""
 _RETRY_INTERVAL = 0.002
-"""Time in s until a line is asked for again that another process of umo holds."""
+"""Time in s between two requests for a line that another process of umo holds."""
 _ACTIVE = Value.ACTIVE  # a member of an enumeration takes longer to look up than to compare
 _LEVELS = {0: Value.INACTIVE, 1: Value.ACTIVE}
 
@@ -67,7 +67,7 @@ class LineTransfer:
             bank.set(dict(zip(part, levels)))  # noqa: B905  (the part's, of all levels)
 
     def _levels(self, raws: Sequence[int]) -> list[Value]:
-        """The levels of all lines, in the order of the requests."""
+        """Return the levels of all lines, in the order of the requests."""
         if self._plain:
             try:
                 return list(map(_LEVELS.__getitem__, raws))
@@ -169,8 +169,8 @@ class Lines:
         return offsets[0]
 
     def _hold(self, channels: Iterable[GpioChannel]) -> None:
-        """Hold the lines as they are, in as few requests as possible. A line that is in use now is asked for when it is
-        initialised, so that it does not keep the guardian from resetting the others."""
+        """Hold the lines as they are, in as few requests as possible. A line that is now in use by another process is
+        requested later, when it is initialised. So it does not keep the guardian from resetting the other lines."""
         assert self._chip is not None
         wanted: dict[int, None] = {}
         counted = set()
@@ -194,7 +194,7 @@ class Lines:
             self.banks.update(dict.fromkeys(part, Bank(request, {})))
 
     def _configure(self, settings: dict[int, gpiod.LineSettings], deadline: float) -> None:
-        """Lines that are not held yet are requested with their settings, the others get them."""
+        """Apply the settings. Lines that are not held yet are requested with their settings."""
         by_bank: dict[Bank, dict[int, gpiod.LineSettings]] = {}
         new = {}
         for offset, each in settings.items():
@@ -220,7 +220,8 @@ class Lines:
         self.counters[channel] = counter
 
     def _request(self, settings: dict[int, gpiod.LineSettings], deadline: float) -> gpiod.LineRequest:
-        """The kernel releases the lines of a killed process a moment after its end: those of umo's are waited for."""
+        """Request the lines. The kernel releases the lines of a killed process a moment after its end, so wait until
+        the deadline for lines that another process of umo holds."""
         assert self._chip is not None
         while True:
             try:

@@ -196,7 +196,7 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
     # How -----------------------------------------------------------------------------------------------
 
     def _begin(self) -> float:
-        """The deadline of a call. The device is found again if it was lost."""
+        """Begin a call, and return its deadline. If the device was lost, it is searched for again."""
         if not self._opened:
             raise DriverError("it is not open")
         if self._folder is None:
@@ -222,7 +222,7 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
         in_turn(range(len(channels)), carry_out, lambda i: [channels[i].text])
 
     def _scanned(self, names: set[str], deadline: float) -> dict[str, int]:
-        """The newest scan. It holds every input that was initialised or is asked for."""
+        """Return the newest scan. It contains every input that was initialised or is requested now."""
         assert self._folder is not None and self.trigger is not None
         self._inputs |= names
         try:

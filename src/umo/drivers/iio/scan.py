@@ -140,8 +140,8 @@ class Scan:
         return self._values
 
     def _drain(self) -> bool:
-        """Take the last of the records that are there. True: the buffer was full and its last one is not the newest,
-        as the kernel then drops new records."""
+        """Take the last record of the buffer. Return True if the buffer was full: then this record is not the newest,
+        because the kernel drops new records while the buffer is full."""
         size = self._layout.size
         before, self._drained_at = self._drained_at, monotonic()
         try:

@@ -70,7 +70,7 @@ def processed_scale(channel: str, scale: float) -> PhysicalScale | None:
 
 
 def _units(channel: str) -> tuple[float, str]:
-    """Factor and unit of the channel's type; 0 for a type without units."""
+    """Return factor and unit of the channel's type; the factor is 0 for a type without units."""
     return UNITS.get(re.split(r"[^a-z]", channel.partition("_")[2])[0], (0.0, ""))
 
 
@@ -93,7 +93,8 @@ def _attribute(folder: Path, channel: str, name: str) -> float | None:
 
 
 def _names(channel: str) -> Iterator[str]:
-    """The beginnings of attributes, the channel's own before those that it shares: in_accel_x_, in_accel_, in_, ""."""
+    """Yield the beginnings of the names of attributes, the channel's own before shared ones: in_accel_x_, in_accel_,
+    in_, ""."""
     yield f"{channel}_"
     shared = re.sub(r"\d", "", channel)
     while shared:

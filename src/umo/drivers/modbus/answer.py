@@ -32,7 +32,8 @@ def answer_size(request: bytes) -> int:
 
 
 def check(request: bytes, answer: bytes) -> None:
-    """Check an answer. Raises Lost unless it fits the request in every respect; an exception answer is accepted."""
+    """Check an answer. Raises Lost unless the answer fits the request in every respect. An exception answer is
+    accepted."""
     check_start(request, answer)
     if answer[1] & 0x80:
         _check_length("an exception answer", answer, EXCEPTION_SIZE)
@@ -76,8 +77,8 @@ def _data_size(request: bytes) -> int:
 
 
 def _check_echo(request: bytes, answer: bytes) -> None:
-    """Check the echo: the address and value of one cell, or masks, as they were sent; for several cells the address and
-    their number."""
+    """Check the echo of a write. For one cell, or for masks, it repeats address and values as they were sent; for
+    several cells it contains the address and the number of cells."""
     size = answer_size(request)
     _check_length("an answer", answer, size)
     if answer[1:] != request[1:size]:

@@ -103,7 +103,7 @@ class ModbusChannel(Channel):
     swapped: bool = False
     low: int | None = None
     masked: bool = False
-    """True if a field is written by function 22, which does not change the other bits of its register."""
+    """True if a field is written by function 22, which does not change the other bits of the register."""
     uncut: ModbusChannel | None = field(default=None, compare=False, repr=False)
     """For a field, the channel with all registers of its value."""
 
@@ -143,7 +143,7 @@ class ModbusChannel(Channel):
         return self._laid((1 << 16 * self.cells) - 1 if self.low is None else (1 << self.bits) - 1 << self.low)
 
     def raw(self, words: Sequence[int]) -> int:
-        """Return the raw integer that its registers hold. Raises DriverError if it does not fit 64 bits with a sign."""
+        """Return the raw integer that the registers hold. Raises DriverError if it does not fit 64 bits with a sign."""
         if self.scale:
             return self._rounded(self.number(words), words)
         raw = int(self.number(words))
@@ -151,7 +151,7 @@ class ModbusChannel(Channel):
         return raw
 
     def number(self, words: Sequence[int]) -> float:
-        """Return the number that its registers hold, without division by a scale."""
+        """Return the number that the registers hold, without division by a scale."""
         whole = 0
         for word in reversed(words) if self.little else words:
             whole = whole << 16 | (_exchanged(word) if self.swapped else word)
@@ -180,7 +180,7 @@ class ModbusChannel(Channel):
         return ", ".join(shown)
 
     def _laid(self, whole: int) -> list[int]:
-        """Its registers for all of their bits, the highest first."""
+        """Return the contents of the registers, in the order of their addresses, for all bits of the value."""
         words = [whole >> shift & 0xFFFF for shift in range(0, 16 * self.cells, 16)]
         if self.swapped:
             words = [_exchanged(word) for word in words]
@@ -188,7 +188,7 @@ class ModbusChannel(Channel):
 
     @property
     def _packing(self) -> str:
-        """IEEE 754 of 32 or 64 bits."""
+        """The format of a float for `struct`: IEEE 754 with 32 or 64 bits."""
         return ">f" if self.cells == 2 else ">d"
 
     def _rounded(self, value: float, words: Sequence[int]) -> int:
@@ -200,13 +200,13 @@ class ModbusChannel(Channel):
 
 
 def _exchanged(word: int) -> int:
-    """A register with its two bytes exchanged."""
+    """Return the content of a register with its two bytes exchanged."""
     return word >> 8 | (word & 0xFF) << 8
 
 
 def parse(text: str, *, little: bool = False, swapped: bool = False, unit: int = 1) -> ModbusChannel:
-    """Return the channel that the text names. `little`: the low word of several comes first. `swapped`: the low byte of
-    each register comes first. Both settings apply if the text gives no order."""
+    """Return the channel that the text names. `little`: the low word of a wider value comes first. `swapped`: the low
+    byte of each register comes first. Both settings apply if the text gives no order."""
     match = _TEXT.fullmatch(text)
     if match is None:
         raise ChannelError(text, FORMS)
@@ -241,7 +241,8 @@ def _direction(table: Table) -> Direction:
 
 
 def _field(channel: ModbusChannel, high: int, low: int) -> ModbusChannel:
-    """The field of these bits of an integer channel, a field of the registers in which they lie and of no others."""
+    """Return the field of these bits of an integer channel. The field uses only the registers that contain these
+    bits."""
     bits = high - low + 1
     if channel.scale or high >= channel.bits or bits < (2 if channel.signed else 1):
         raise ChannelError(channel.text, FORMS)

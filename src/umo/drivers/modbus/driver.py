@@ -250,7 +250,7 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         self._in_turn(plan, carry_out)
 
     def _send(self, unit: Unit, request: Request, cells: list[int], read_back: bool) -> None:
-        """Write the bits that the channels have of these cells; the others stay as they are."""
+        """Write those bits of the cells that belong to the channels. The other bits do not change."""
         if request.partial and self._mask_write:
             unit.mask_write(request, cells)
             return
@@ -265,7 +265,8 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         self._contents.confirmed(request, cells)
 
     def _before(self, unit: Unit, request: Request) -> Mapping[int, int]:
-        """Contents of the registers that the request writes in part: as written last, or else as the unit has them."""
+        """Return the contents of the registers that the request writes in part: as written last, or else as read from
+        the unit."""
         missing = self._contents.missing(request)
         if not missing:
             return self._contents.words
@@ -289,7 +290,7 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         return self._connection
 
     def _in_turn(self, plan: Requests, carry_out: Callable[[int], None]) -> None:
-        """Carry out the requests by their numbers. After a lost connection the later ones fail too."""
+        """Carry out the requests, given by their numbers. After a lost connection the later requests fail, too."""
 
         def texts_of(i: int) -> Iterable[str]:
             return [item.channel.text for item in plan[i].items]
@@ -311,7 +312,7 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
 
 
 def _check_unit(place: Place, unit: int, answers_as: int | None, boot_time: str | float | None) -> None:
-    """Raise WiringError for an option of the unit that is beyond its range, or for another place."""
+    """Raise WiringError for an option that is beyond its range, or that cannot be used at this place."""
     if isinstance(place, Host):
         within("unit", unit, 0, 255)
     else:

@@ -205,7 +205,7 @@ def _request(run: Sequence[_Placed]) -> Request:
 
 
 def _places(items: Sequence[Item]) -> slice | list[int]:
-    """Their places, as a slice where they follow each other: numpy is then quicker."""
+    """Return the indices of the items; a slice if they are consecutive, because numpy is then quicker."""
     places = [item.place for item in items]
     if places and places == list(range(places[0], places[0] + len(places))):
         return slice(places[0], places[0] + len(places))
@@ -230,14 +230,14 @@ class WriteCache:
         return cells_then == cells and now - then < self._keep
 
     def begins(self, request: Request) -> None:
-        """Note that the request is about to be written; until it is confirmed, its cells are unknown."""
+        """Record that the request is about to be written; until it is confirmed, its cells are unknown."""
         end = request.address + request.count
         for key in [key for key in self._confirmed if key[0] == request.table.name]:
             if key[1] < end and request.address < key[1] + key[2]:
                 del self._confirmed[key]
 
     def confirmed(self, request: Request, cells: list[int], now: float) -> None:
-        """Note that the request was confirmed. `now`: the time at which it began."""
+        """Record that the request was confirmed. `now`: the time at which it began."""
         if len(self._confirmed) >= _MAX_REMEMBERED:
             self._confirmed.clear()
         self._confirmed[_key(request)] = cells, now
@@ -258,7 +258,7 @@ class RegisterContents:
         return [offset for offset in request.partial if request.address + offset not in self.words]
 
     def begins(self, request: Request) -> None:
-        """Note that the request is about to be written; until it is confirmed, its registers are unknown."""
+        """Record that the request is about to be written; until it is confirmed, its registers are unknown."""
         if self.words:
             for address in range(request.address, request.address + request.count):
                 self.words.pop(address, None)

@@ -79,7 +79,8 @@ class Rtu:
         return self._line.exchange(frame, self._deadline)
 
     def _recover(self, asked: UnitFunction) -> None:
-        """Wait until no other answer is owed that may be mistaken for this one, if that leaves half of the time."""
+        """Wait until no late answer is pending that could be mistaken for the answer to this request. Raises Recovering
+        if this would take more than half of the remaining time."""
         line, latest = self._line, (monotonic() + self._deadline) / 2
         while (owed := line.owed(asked)) is not None:
             line.discard()
@@ -92,6 +93,6 @@ class Rtu:
                 sleep(min(left, _LOOK_INTERVAL))
 
     def failed(self, error: Lost) -> None:
-        """Note a failure of the line or of the unit. The unit's answer may then still come."""
+        """Record a failure of the line or of the unit. The unit's answer may then still come."""
         if isinstance(error, Gone):
             self._line.close()

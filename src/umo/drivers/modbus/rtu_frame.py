@@ -35,9 +35,9 @@ def is_answer(request: bytes, data: bytes) -> bool:
 
 def has_come(request: bytes, data: bytes) -> bool:
     """Return True if the bytes received since the request are its answer, damaged on the line, so that no other answer
-    will come. This is so if the bytes contain the answer among other bytes, or the beginning of the answer with unit,
-    function and a third byte, or as many bytes as the answer has with two of these three right. An intact frame that is
-    not the answer comes from another unit, or answers another request."""
+    will come. There are three such cases. The bytes contain the answer among other bytes. They begin like the answer,
+    with the right unit, function and third byte. Or they are as many as the answer has, and two of these three bytes
+    are right. An intact frame that is not the answer comes from another unit, or answers another request."""
     if any(_end(request, data[at:]) for at in range(len(data))):
         return True
     for start in answer_starts(request):
@@ -49,7 +49,7 @@ def has_come(request: bytes, data: bytes) -> bool:
 
 
 def _end(request: bytes, data: bytes) -> int:
-    """The end of the answer (`answer_end`); 0 also if the data begins with anything else."""
+    """Return the end of the answer (`answer_end`); 0 also if the data begins with anything else."""
     try:
         return answer_end(request, data)
     except Lost:

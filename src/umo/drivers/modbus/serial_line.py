@@ -27,8 +27,8 @@ _MAX_STRAY = 256
 _MAX_DISCARDS = 16
 """Reads of up to 4 KiB after which a line that does not fall silent is left."""
 _UNMISTAKABLE = (5, 6, 22)
-"""Functions whose answer repeats what was written: a late one of an earlier request has another address or value, or
-confirms that the same value was written."""
+"""Functions whose answer repeats what was written. A late answer to an earlier request then has another address or
+value, or confirms that the same value was written."""
 
 
 UnitFunction = tuple[int, int]
@@ -36,8 +36,8 @@ UnitFunction = tuple[int, int]
 
 @dataclass(frozen=True)
 class PendingAnswer:
-    """An answer that may still come to this request, which was given up at this time. Without a request: an answer to
-    another process."""
+    """An answer that may still arrive: `request` was given up at the time `since`. Without a request, it is an answer
+    to another process."""
 
     request: bytes
     since: float
@@ -119,7 +119,7 @@ class SerialLine:
         return self._owed.get(asked, PendingAnswer(b"", self.opened_at))
 
     def settle(self, asked: UnitFunction) -> None:
-        """Note that no answer is pending any more: it has arrived, or its time is over."""
+        """Record that no answer is pending any more: it has arrived, or its time is over."""
         self._owed[asked] = None
 
     def exchange(self, frame: bytes, deadline: float) -> bytes:
@@ -169,7 +169,7 @@ class SerialLine:
             self._consider(data)
 
     def _consider(self, data: bytes) -> None:
-        """Bytes that came in unasked may be an answer that is owed."""
+        """Check whether received bytes are a pending answer. If so, that answer is no longer pending."""
         self._stray = (self._stray + data)[-_MAX_STRAY:]
         for asked, owed in self._owed.items():
             came = has_come if asked == self._last_asked else is_answer
@@ -201,7 +201,7 @@ class SerialLine:
                 return data[:-CHECKSUM_SIZE]
 
     def _answered(self, request: bytes, data: bytes) -> bytes:
-        """The request that the data begins to answer: this one, or another one whose answer is late."""
+        """Return the request to which the data is an answer: this request, or an earlier one whose answer is late."""
         if len(data) > 1 and (data[0], data[1] & 0x7F) != (request[0], request[1]):
             owed = self._owed.get((data[0], data[1] & 0x7F))
             return request if owed is None else owed.request

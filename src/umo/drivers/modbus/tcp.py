@@ -75,7 +75,8 @@ class Tcp:
         return is_ready
 
     def _is_answer(self, frame: bytes, data: bytes) -> bool:
-        """True if the data is the whole answer to this frame, if it is an exception answer too; not of a gateway."""
+        """Return True if the data is the whole answer to this frame, which may be an exception answer. Raises Lost for
+        the answer to another request, and if a gateway does not reach the unit."""
         if not (end := frame_end(data)):
             return False
         answer = data[_HEADER.size : end]
@@ -122,7 +123,7 @@ class Tcp:
         check(asked if self._answers_as is None else bytes([self._answers_as, *asked[1:]]), answer)
 
     def _answer(self, stream: Stream) -> bytes:
-        """The contents of the frame with this transaction's number; earlier answers are passed over."""
+        """Return the contents of the frame with this transaction's number. Earlier answers are skipped."""
         passed_over = ""
         while True:
             while not (end := frame_end(self._data)):

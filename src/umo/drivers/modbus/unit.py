@@ -41,8 +41,8 @@ EXCEPTIONS = {
 
 
 class _Client(ModbusClientMixin[bytes]):
-    """pymodbus's requests over a transport of umo's. Every method gives unit, function and data of the answer, which
-    may be an exception answer, and raises Lost."""
+    """The requests of pymodbus, sent over a transport of umo. Every method returns unit, function and data of the
+    answer, which may be an exception answer. Every method may raise Lost."""
 
     def __init__(self, transport: Tcp | Rtu, pause: float) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
@@ -68,7 +68,7 @@ class _Client(ModbusClientMixin[bytes]):
 
 
 class _Requests(ModbusClientMixin[ModbusPDU]):
-    """pymodbus's requests themselves: none is sent."""
+    """The requests of pymodbus, which are built but not sent."""
 
     def execute(self, no_response_expected: bool, request: ModbusPDU) -> ModbusPDU:
         return request
@@ -152,7 +152,7 @@ class Unit:
         self._answer("writing bits of", request, lambda: send(and_mask=others, or_mask=cells[0]))
 
     def _answer(self, doing: str, request: Request, send: Callable[[], bytes]) -> bytes:
-        """The answer to a request, if the device carried it out."""
+        """Return the answer to a request that the device has carried out. Raises DriverError otherwise."""
         try:
             answer = send()
         except Lost as error:
@@ -177,7 +177,7 @@ class Unit:
         return client.write_registers(address, cells, device_id=unit)
 
     def _broken(self, what: str, error: Lost) -> DriverError:
-        """A failure after which the connection cannot be trusted."""
+        """Return the error for a failure after which the connection cannot be trusted."""
         self._transport.failed(error)
         if isinstance(error, Recovering):
             return Refused(f"{self._name}: {what}: recovering: {error}")

@@ -82,7 +82,7 @@ class DeviceServer:
             return answer
 
     def _do_open(self, request: Mapping[str, Any]) -> None:
-        """The worker that replaces another has opened it already."""
+        """Open the driver, unless it is already open, as in a worker that replaces another worker."""
         if not self.opened:
             self.on_call()
             self.driver.open()
@@ -137,7 +137,7 @@ class DeviceServer:
         self._note(channel, request["raw"])
 
     def _do_read_many(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The raws, also of a transfer that failed for some channels."""
+        """Return the raw integers, and the causes for channels that failed."""
         channels = tuple(map(self._channel, request["channels"]))
         out, causes = np.full(len(channels), UNREAD), {}
         self.on_call()
@@ -157,7 +157,7 @@ class DeviceServer:
         return look_for(self.driver)
 
     def _do_begin(self, request: Mapping[str, Any]) -> None:
-        """From now on at its own period, beginning with a transfer now."""
+        """Make one transfer now, and from then on transfers at the driver's period."""
         self._back()
         if not self._cells[Cell.GENERATION]:
             self._cells[Cell.GENERATION] = self._cells[Cell.INITIALIZED] = 1
@@ -170,7 +170,7 @@ class DeviceServer:
         return self.driver.channel(text) if number is None else self._channels[number]
 
     def _note(self, channel: Channel, raw: int | None) -> None:
-        """An output has accepted this."""
+        """Record the raw integer that an output has accepted."""
         number = self.exchange.place.get(channel.text)
         if number is not None and raw is not None:
             rows = self.exchange.arrivals.read()[1]
@@ -230,7 +230,7 @@ class DeviceServer:
         return self.ns() < self._held_until
 
     def _to_write(self) -> tuple[list[int], IntArray]:
-        """The outputs that a transfer writes, by number, and their raw integers."""
+        """Return the outputs that a transfer writes, by number, and their raw integers."""
         if self._is_held:
             defaults = [self._initialized[channel.text][1] or 0 for channel in self._groups[1]]
             return list(self._outputs), np.array(defaults, np.int64)
@@ -240,8 +240,8 @@ class DeviceServer:
         return numbers, wanted[Wanted.RAW, numbers]
 
     def _write(self, rows: IntArray) -> bool:
-        """Return True if the device was sent the wanted values, or has no outputs; False before values are wanted for
-        outputs that were initialised again."""
+        """Write the wanted values. Return True if they were sent, or if there are no outputs. Return False if the
+        outputs were initialised again and no values are wanted for them yet."""
         numbers, raws = self._to_write()
         if not numbers:
             return not self._outputs
@@ -263,14 +263,14 @@ class DeviceServer:
         return True
 
     def _judge(self, rows: IntArray, number: int, raw: int, began: int, cause: str) -> None:
-        """Note that one channel was transferred, or failed."""
+        """Record that one channel was transferred, or failed."""
         if cause:
             self.exchange.set_cause(number, cause)
         else:
             rows[Row.RAW, number], rows[Row.STAMP, number] = raw, began
 
     def _follow_orders(self) -> None:
-        """Carry out each ordered call once; of several for one channel only the last."""
+        """Carry out each ordered call once. Of several orders for one channel, only the last is carried out."""
         if self.exchange.wanted.count == self._followed:
             return
         self._followed, wanted = self.exchange.wanted.read()
@@ -299,12 +299,12 @@ class DeviceServer:
             self._post(rows)
 
     def _post(self, rows: IntArray) -> None:
-        """Values, and the generation that they are of."""
+        """Post values, with the generation of outputs to which they belong."""
         rows[Row.GENERATION] = self._cells[Cell.GENERATION]
         self.exchange.arrivals.post(rows)
 
     def _call(self, channel: Channel, call: int, raw: int) -> int | None:
-        """Make a call. Return the raw integer that an output was sent; None for an input, which was not read."""
+        """Make a call for one channel. Return the raw integer that was sent to an output; None for an input."""
         self.on_call()
         default = self._initialized[channel.text][1]
         if call == Order.WRITE:
@@ -321,7 +321,8 @@ class DeviceServer:
     # A device that is away ---------------------------------------------------------------------------------------
 
     def _failed(self, began: int, error: BaseException) -> None:
-        """A call of the whole driver has failed, or one timed out: no period is written until the device is found."""
+        """Record that a call failed for the whole driver, or timed out. No transfer is made until the device is
+        found."""
         if self._cells[Cell.AWAY_SINCE] == NO_TIME and not self._reads:
             self._cells[Cell.AWAY_SINCE] = began
         self._absence.failed(self._now, isinstance(error, TimeoutError), began=began * 1e-9)
@@ -341,7 +342,7 @@ class DeviceServer:
         return self.ns() * 1e-9
 
     def _found(self, rows: IntArray) -> bool:
-        """True if the device answers again. One that was away for long is initialised first."""
+        """Return True if the device answers again. A device that was away for long is initialised first."""
         if not self._absence.is_due(self._now):
             return False
         found = self._look()
@@ -364,7 +365,8 @@ class DeviceServer:
         return True
 
     def _initialize_again(self, rows: IntArray) -> bool:
-        """True if that has succeeded. What is posted from now on is of another generation."""
+        """Initialise the driver's channels again, and return True if this succeeded. Values posted from now on belong
+        to a new generation."""
         self._cells[Cell.GENERATION] += 1
         try:
             for channel, default in tuple(self._initialized.values()):
@@ -420,7 +422,8 @@ class DeviceServer:
         return failed
 
     def _open_again(self, outputs: Sequence[str]) -> str:
-        """Open the driver and initialise its channels again, these outputs first; why that failed, or ""."""
+        """Open the driver and initialise its channels again, these outputs first. Return the reason if opening failed;
+        otherwise ""."""
         try:
             self._do_open({})
             for text in dict.fromkeys([*outputs, *self._initialized]):

@@ -203,15 +203,15 @@ class OffCycle(Wrapper):
         self.running = False
 
     def accept_generation(self, rows: IntArray) -> None:
-        """From now on post values for the generation of outputs of these values (see `generation_of`), and cancel all
-        orders."""
+        """From now on post values for the generation of outputs to which these values belong (`generation_of`), and
+        cancel all orders."""
         self.generation = generation_of(rows)
         self._wanted[Wanted.RAW], self._wanted[Wanted.ORDER] = rows[Row.RAW], rows[Row.ORDER]
         self._wanted[Wanted.GENERATION] = self.generation
         self.exchange.wanted.post(self._wanted)
 
     def _order(self, channel: Channel, call: Order, raw: int | None) -> None:
-        """A call for one channel: of several that were not carried out yet only the last is."""
+        """Order a call for one channel. An earlier order for the channel that was not carried out yet is replaced."""
         number, wanted = self.exchange.place[channel.text], self._wanted
         if raw is not None:
             wanted[Wanted.RAW, number] = raw
@@ -224,7 +224,7 @@ class OffCycle(Wrapper):
         return int(self._wanted[Wanted.ORDER, number])
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """From now on post and request nothing in this process, and call `instead` in place of each call."""
+        """From now on post and request nothing in this process. `instead` is called in place of each call."""
         self.request = self.exchange.wanted.post = instead  # type: ignore[method-assign]
 
     def places(self, channels: Sequence[Channel]) -> IntArray:

@@ -3,8 +3,8 @@
 Every cell has one writer, and is meaningful by itself. Values that belong together are in one of two banks: the writer
 fills the invalid bank, then increments the count; the last bit of the count selects the valid bank. Banks, requests and
 answers have a number and a checksum, with which a reader checks that its copy is complete (`umo.system.shared_cells`).
-The causes of failures are texts for people only: a text that is read while it changes may be a mixture of two texts.
-The memory is anonymous, so there is no file that another process could truncate.
+The causes of failures are texts that only people read. A text that is read while it changes may be a mixture of two
+texts. The memory is anonymous, so there is no file that another process could truncate.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Wanted(IntEnum):
     RAW = 0
     """Outputs: the raw integer to be sent."""
     ORDER = 1
-    """The number of the last order. An order is a call for this channel alone that is carried out once."""
+    """The number of the last order. An order is a single call for this channel only, which is carried out once."""
     CALL = 2
     """The kind of call of the order, an `Order`."""
     GENERATION = 3
@@ -221,6 +221,6 @@ class Exchange:
 
 
 def _of_number(text: SharedText, number: int) -> tuple[int, dict[str, Any]] | None:
-    """Return the content under this number, or None if it is not there yet or no longer."""
+    """Return the content that has this number, or None if it has not been stored yet or was replaced."""
     found = text.get()
     return (number, json.loads(found[1])) if found is not None and found[0] == number else None

@@ -17,8 +17,8 @@ _CODES = {8: "b", 16: "h", 32: "i", 64: "q"}
 
 
 class BlockPart(NamedTuple):
-    """A register in a block, with the place of its bytes, and its channels with their indices among the values of the
-    call."""
+    """A register in a block: the place of its bytes, and its channels. Each channel has its index among the values of
+    the call."""
 
     register: Register
     start: int
@@ -106,7 +106,7 @@ def _like(parts: Sequence[BlockPart]) -> LikeRegisters | None:
 
 
 def _code(part: BlockPart) -> str:
-    """The code of struct and numpy; empty if they have none for this part.
+    """Return the code of struct and numpy for this part; empty if they have none.
 
     An unsigned value of 64 bits may not fit an int64."""
     register = part.register

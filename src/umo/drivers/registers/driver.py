@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class RegisterDriver(BlockDriver[RegisterChannel]):
-    """A chip with a register map. A bus derives from it and transfers bytes.
+    """A chip with a register map. The driver of a bus derives from this class and transfers the bytes.
 
     A bit field is written by writing its whole register. The other bits are those that this driver wrote last. Before
     the first write, they come from the register's `initial` value, or else from the present content of the register.
@@ -101,7 +101,8 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
     def _plan_write(
         self, channels: tuple[RegisterChannel, ...]
     ) -> tuple[list[int], list[int], tuple[RegisterBlock, ...]]:
-        """The limits of each channel, and the blocks. No value is within the limits of an input."""
+        """Return the lower limits and the upper limits of the channels, and the blocks. No value is within the limits
+        of an input."""
         limits = [(1, 0) if each.direction is Direction.INPUT else (each.lowest, each.highest) for each in channels]
         return [low for low, _ in limits], [high for _, high in limits], self._plan(channels)
 
@@ -119,7 +120,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         return part.register.pack(contents)
 
     def _before(self, register: Register) -> int:
-        """Contents of the register, for its bits that are not written now."""
+        """Return the contents of the register, from which the bits are taken that are not written now."""
         places = places_of(register.page, register.address, register.size, joined=self._auto_increment)
         if self._shadow.keys() >= set(places):
             return register.unpack(bytes(self._shadow[place] for place in places))
@@ -135,20 +136,20 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
 
     @abstractmethod
     def _get(self, address: int, size: int) -> bytes:
-        """Read a number of bytes from a register on, in one transfer. Raises OSError."""
+        """Read this number of bytes in one transfer, beginning at a register. Raises OSError if this fails."""
 
     @abstractmethod
     def _put(self, address: int, data: bytes) -> None:
-        """Write these bytes from a register on, in one transfer. Raises OSError."""
+        """Write these bytes in one transfer, beginning at a register. Raises OSError if this fails."""
 
     def _explained(self, error: OSError) -> str:
-        """The cause of a failed transfer."""
+        """Return the cause of a failed transfer as text."""
         return error.strerror or str(error)
 
     # How -----------------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Begin one call; the bus is opened again after a failure."""
+        """Begin one call. After a failure the bus is opened again."""
         if not self._opened:
             raise DriverError("it is not open")
         self._deadline = self._page = None
@@ -189,7 +190,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         return data
 
     def _turn_to(self, page: int | None) -> None:
-        """Select a page, once in a call: the chip may have been reset since the call before."""
+        """Select a page, once in each call, because the chip may have been reset since the previous call."""
         if page is None or page == self._page:
             return
         assert self._page_register is not None
@@ -214,7 +215,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
             raise DriverError(f"{what} {address:#04x}: {self._explained(error)}") from error
 
     def _values(self, option: str, values: Mapping[str, int], needed: Direction) -> list[tuple[RegisterChannel, int]]:
-        """The channels and values of an option that has them by name."""
+        """Return the channels and values of an option that gives values by the names of channels."""
         found = []
         for name, value in values.items():
             channel = self.channel(name)

@@ -175,7 +175,7 @@ class ChipRegisters:
         return Register(address, bits, "little" if match[3] == "little" else "big", bool(match[4]))
 
     def _span(self, bits: int) -> int:
-        """Addresses after the first one that a register takes."""
+        """Return the number of addresses that a register takes in addition to its first one."""
         return bits // 8 - 1 if self._bytewise else 0
 
     def _add(self, name: str, table: RegisterOptions) -> None:
@@ -208,7 +208,7 @@ class ChipRegisters:
 
 
 def _field(what: str, given: Any, width: int) -> tuple[int, int, bool]:
-    """Lowest bit, number of bits and sign of `7`, `"11:9"` or `{ bits = "11:9", signed = true }`."""
+    """Return lowest bit, number of bits and sign of `7`, `"11:9"` or `{ bits = "11:9", signed = true }`."""
     signed = False
     if not _PLAIN_NAME.fullmatch(what.rpartition(".")[2]):
         raise WiringError(f"{what}: a field's name is made of letters, digits and _")
@@ -219,7 +219,7 @@ def _field(what: str, given: Any, width: int) -> tuple[int, int, bool]:
 
 
 def _bits_of(what: str, given: Any, width: int) -> tuple[int, int]:
-    """Lowest bit and number of bits of `7` or `"11:9"`."""
+    """Return lowest bit and number of bits of `7` or `"11:9"`."""
     match = _BITS.fullmatch(str(given)) if isinstance(given, int | str) and not isinstance(given, bool) else None
     high, low = (int(match[1]), int(match[2] or match[1])) if match else (-1, 0)
     if not 0 <= low <= high < width:

@@ -93,7 +93,7 @@ class TcpDial:
 
 
 def _connected(place: tuple[Any, ...], seconds: float) -> socket.socket:
-    """A connection that does not block. Raises OSError if there is none within the time."""
+    """Return a connection that does not block. Raises OSError if there is none within this time in s."""
     family, kind, protocol, _, address = place
     connection = socket.socket(family, kind, protocol)
     try:
@@ -152,7 +152,7 @@ def _looked_up(host: str, port: int | None, seconds: float) -> Found:
 
 
 def _begin_look_up(host: str, port: int | None) -> Future[Found]:
-    """Look up in a thread, as `getaddrinfo` has no timeout."""
+    """Begin to look up a host in a thread, because `getaddrinfo` has no timeout."""
     outcome: Future[Found] = Future()
 
     def look_up(outcome: Future[Found]) -> None:

@@ -22,8 +22,8 @@ from umo.errors import DriverError
 Parity = Literal["none", "even", "odd", "mark", "space"]
 Flow = Literal["none", "rtscts", "xonxoff"]
 _RETRY_INTERVAL = 0.02
-"""Time in s after which umo tries again to open a line that another process still holds, such as one of umo that is
-ending."""
+"""Time in s after which umo tries again to open a line that another process still holds, such as a process of umo that
+is ending."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def opened(place: Serial, deadline: float) -> Stream:
 
 class _File(io.FileIO):
     def close(self) -> None:
-        """Unsent bytes are dropped: the kernel would wait for them for up to 30 s."""
+        """Close the line. Unsent bytes are dropped, because the kernel would wait for them for up to 30 s."""
         with suppress(ValueError, termios.error):  # closed already; unplugged
             termios.tcflush(self.fileno(), termios.TCOFLUSH)
         super().close()
@@ -143,8 +143,8 @@ def _switch_rs485(line: Any, place: Serial) -> None:
 
 
 def _set_modes(fd: int) -> None:
-    """DTR stays as it is when the line is closed, so a reconnection does not reset an Arduino. With VMIN, reading no
-    byte means that the line is gone, as on TCP."""
+    """Set the modes of the open line. DTR does not change when the line is closed, so a reconnection does not reset an
+    Arduino. With VMIN, reading no byte means that the line is gone, as on TCP."""
     modes = termios.tcgetattr(fd)
     modes[2] &= ~termios.HUPCL
     modes[6][termios.VMIN] = 1

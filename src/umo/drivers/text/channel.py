@@ -290,7 +290,7 @@ def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCo
 
 
 def _levels(table: Any, where: str, of: Callable[[Any, str], T]) -> dict[int, T]:
-    """{ 0 = "OFF", 1 = "ON" }, by number."""
+    """Return the entries of a table such as { 0 = "OFF", 1 = "ON" } by number."""
     if not isinstance(table, Mapping) or not table:
         raise WiringError(f'{where} must be a string or a table of levels {{ 0 = "OFF", 1 = "ON" }}, not {table!r}')
     for level in table:
@@ -312,7 +312,7 @@ def _truth(value: Any, where: str) -> bool:
 
 
 def _scale(value: Any, where: str) -> Decimal:
-    """The step of one raw, exactly as it is written."""
+    """Return the step of one raw integer, exactly as it is written."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
         raise WiringError(f"{where} must be a number above 0, the step of one raw integer, not {value!r}")
     return Decimal(repr(value))

@@ -160,7 +160,7 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
         )
         self._channels = Channels(channels, self._dialogue.acknowledge, self._dialogue.confirm)
         if skip_empty_lines and (silent := self._channels.with_state("")) is not None:
-            raise WiringError(f'channels.{silent}.states: "" never comes, as skip_empty_lines = true')
+            raise WiringError(f'channels.{silent}.states: "" never arrives, because skip_empty_lines = true')
         self._joins, self._longest = together is not None, longest_request
         self._watchdog_set = watchdog_set
         self._prepared = self.place.prepared()
@@ -240,7 +240,7 @@ def _texts_of(line: QueryLine | RequestLine) -> Sequence[str]:
 
 
 def _ends_call(error: DriverError) -> bool:
-    """True if the connection is lost with it: the later lines fail too."""
+    """Return True if the connection is lost after this error, so that the later lines fail, too."""
     return not isinstance(error, NoValue)
 
 
@@ -253,9 +253,10 @@ def _check_times(**times: float) -> None:
 def _check_texts(
     greeting: str | None, boot_time: float, ends: tuple[str | None, ...], watchdog_set: str | None
 ) -> None:
-    """Raise WiringError for texts that lack something."""
+    """Check options that are texts. Raises WiringError if one is empty, or lacks another option or a part that it
+    needs."""
     if greeting is not None and not boot_time:
-        raise WiringError("greeting needs boot_time: how long it is waited for, in s")
+        raise WiringError("greeting needs boot_time, the longest time in s to wait for the greeting")
     if "" in ends:
         raise WiringError("together, terminator and answer_terminator must not be empty")
     if watchdog_set is not None and ("{s}" in watchdog_set) == ("{ms}" in watchdog_set):

@@ -100,7 +100,9 @@ def numbered(thing: Any, n: int, where: str) -> Any:
 
     def written(found: re.Match[str]) -> str:
         if not _CHANNEL_NUMBER.fullmatch(found[1] or ""):
-            raise WiringError(f"{where}: {found[0]} is not the number of a channel; it is {{n}}, or such as {{n:02d}}")
+            raise WiringError(
+                f"{where}: {found[0]} is not the number of a channel; write {{n}}, or for example {{n:02d}}"
+            )
         return format(n, found[1] or "")
 
     if isinstance(thing, str):

@@ -194,7 +194,8 @@ class TextLink:
             raise self._unasked()
 
     def _skips(self, data: bytearray) -> bool:
-        """True if the data is of empty lines only, which count for nothing; it is thrown away."""
+        """Discard the data if it consists of empty lines only and empty lines are skipped. Return True if it was
+        discarded."""
         skips = self._dialogue.skip_empty_lines and is_blank(bytes(data).replace(self._end, b""))
         if skips:
             data.clear()
@@ -236,8 +237,8 @@ class TextLink:
             self._is_known_idle = False
 
     def _line(self, request: str) -> str:
-        """The next line, without its terminator and the blanks around it; the next that is not empty, where empty ones
-        are skipped."""
+        """Return the next line without its terminator and without blanks at both ends. If empty lines are skipped,
+        return the next line that is not empty."""
         line = self._next_line(request)
         if not line and self._dialogue.skip_empty_lines:
             for _ in range(_MAX_EMPTY_LINES):
@@ -293,4 +294,4 @@ class TextLink:
 
 
 class _StillStarting(DriverError):
-    """The time of the call is over before the line is ready; the connection stays."""
+    """The time of the call is over before the device or the line is ready. The connection stays open."""

@@ -60,7 +60,7 @@ def _put(one: Assign, each: Any) -> Any:
 
 
 def _reader(temporary: Temporary, value: Value, rest: list[Statement]) -> int | None:
-    """Return the index of the statement that reads the temporary and may compute it, or None."""
+    """Return the index of the statement that reads the temporary, or None if the value cannot be computed there."""
     made_of = {each for each in walk(value) if isinstance(each, Local | Temporary | Field)}
     for number, each in enumerate(rest):
         if any(temporary in one.mentioned for one in read_values(each)):
@@ -72,8 +72,8 @@ def _reader(temporary: Temporary, value: Value, rest: list[Statement]) -> int | 
 
 
 def _fits(temporary: Temporary, value: Value, reader: FormNode) -> bool:
-    """True if the value may stand where the temporary is read. Parts are taken of places only. Compilers warn of a
-    comparison whose result they can compute."""
+    """Return True if the value can replace the temporary where it is read. If a part of the temporary is read, the
+    value must be a place. Some comparisons are excluded, because compilers warn if they can compute the result."""
     for each in walk(reader):
         if temporary in each.children:
             if isinstance(each, Address):

@@ -60,7 +60,7 @@ def shaped(program: MachineForm, entry: Iterable[str]) -> MachineForm:
 
 
 def _called(functions: Sequence[FunctionForm], entry: Iterable[str]) -> list[FunctionForm]:
-    """The entry functions and the functions that they call, in their order."""
+    """Return the entry functions and the functions that they call, in their order."""
     by_name = {each.name: each for each in functions}
     found, waiting = set[str](), list(entry)
     while waiting:
@@ -99,7 +99,8 @@ def _simple(node: Any) -> Any:
 
 
 def _never_equal(one: Value, other: Value) -> bool:
-    """True if one number always has bits that the other never has: compilers warn of such a comparison."""
+    """Return True if one number always has bits that the other number never has. Compilers warn of such a
+    comparison."""
     if isinstance(one, Literal):
         one, other = other, one
     if not (isinstance(one, Operator) and isinstance(other, Literal)):
@@ -115,8 +116,8 @@ def _never_equal(one: Value, other: Value) -> bool:
 
 
 def _read(body: Statements) -> set[Value]:
-    """The variables whose values matter: those read by statements other than assignments, and those that these are
-    computed from."""
+    """Return the variables whose values have an effect: variables that are read by statements other than assignments,
+    and variables from which these are computed."""
     found: set[Value] = set()
     sources: dict[Value, set[Value]] = {}
     for each in _statements(body):

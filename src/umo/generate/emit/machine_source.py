@@ -188,7 +188,8 @@ def header_of(model: ControllerModel, translation: Translation, target: Controll
 
 
 def _names(prefix: str, objects: Sequence[ControllerObject]) -> str:
-    """The members of an enum: each object with its channel, its units and the meaning of its raw integers."""
+    """Return the members of an enum in C: each object with its channel, its units and the meaning of its raw
+    integers."""
     lines = []
     for number, (one, name) in enumerate(zip(objects, identifiers(each.path for each in objects), strict=True)):
         resolution, zero_offset = one.scale
@@ -244,7 +245,7 @@ def _laws(model: ControllerModel, translation: Translation, group: int) -> str:
 
 
 def _groups(model: ControllerModel, translation: Translation, target: ControllerTarget) -> Iterator[str]:
-    """The parts with rates of their own: when they act, and their laws."""
+    """Yield the C of the parts with separate rates: when they act, and their laws."""
     if not model.groups:
         return
     lines = []
@@ -278,7 +279,7 @@ def _law(call: str, equipment: int) -> str:
 
 
 def _interlocks(model: ControllerModel, translation: Translation) -> Iterator[str]:
-    """The conditions as functions, all of one type, and the outputs that they inhibit."""
+    """Yield the C of the interlocks: their conditions as functions of one type, and the outputs that they inhibit."""
     for number, each in enumerate(model.interlocks):
         yield f"/* {comment(each.reason)} */\n"
         yield f"static umo_fault interlock_condition_{number}(umo_machine *m, bool *holds)\n"
@@ -294,7 +295,8 @@ def _interlocks(model: ControllerModel, translation: Translation) -> Iterator[st
 
 
 def _equipment(model: ControllerModel, translation: Translation) -> Iterator[str]:
-    """The equipment around each equipment, and the functions called when its fault begins."""
+    """Yield the C of the equipment: for each one the equipment that contains it, and the functions called when its
+    fault begins."""
     if not model.equipment:
         return
     lines = []

@@ -61,7 +61,7 @@ def large_tables(model: ControllerModel, target: ControllerTarget) -> Iterator[N
 
 
 def _tables(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
-    """The numbers of the objects."""
+    """Yield the tables in C with the numbers of the objects."""
     for one in model.objects:
         if one.invalid_raws:
             yield array("int32_t", f"invalid_raws_{one.slot}", [_whole(raw) for raw in one.invalid_raws])

@@ -78,7 +78,7 @@ class TranslatedFunction:
         self.changes: set[Value] = set() if scope is None else scope.aliases.changes
         """Arrays that a call changes in place."""
         self.sole = scope is not None and scope.aliases.sole_result
-        """True if an array that it returns has no other reference."""
+        """True if an array that the function returns has no other reference."""
 
 
 class CodeWorld:
@@ -377,7 +377,7 @@ class CodeWorld:
         )
 
     def _caught(self, kinds: tuple[type[BaseException], ...]) -> list[str]:
-        """The names of the faults that a handler of these classes catches."""
+        """Return the names of the faults that a handler of these classes catches."""
         names = {n: name for n, (name, _, _) in enumerate(RUNTIME_FAULTS, 1)} | {
             each.number: each.name for each in self.faults
         }

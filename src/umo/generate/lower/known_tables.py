@@ -176,7 +176,7 @@ def _initial(f: FunctionBuilder, value: Any, of: CType, node: ast.AST) -> Value:
 
 
 def _chosen(f: FunctionBuilder, values: Sequence[Value], of: CType, place: Value) -> Code:
-    """Return one of the values under a name of its own."""
+    """Return one of the values, stored under a separate name."""
     found = f.temporary(of)
     f.add(Choose(found, f.label("table"), of, tuple(values), place))
     return Code(of, found)

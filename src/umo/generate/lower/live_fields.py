@@ -200,7 +200,7 @@ class LiveFields:
         return [*of_numbers, *self.tuples.values(), *(each for each in arrays if each not in of_numbers)]
 
     def _arrays(self) -> list[ArrayType]:
-        """All types of arrays. Arrays of numbers have a type for each length."""
+        """Return all types of arrays. Arrays of numbers have a type for each length."""
         for each in self.filled:
             for of in each.fields.values():
                 self.use(of)

@@ -73,7 +73,7 @@ class LoweredAliases(LoweredSubject):
         return isinstance(term, Code) and isinstance(term.value, Temporary) and not self.shares(term.value)
 
     def share(self, term: Term) -> None:
-        """Note that an array gets another name. From now on the array is not changed in place."""
+        """Record that an array gets another name. From now on the array is not changed in place."""
         if isinstance(term, TupleTerm):
             for each in term.terms:
                 self.share(each)

@@ -172,7 +172,8 @@ class LoweredAssignments(LoweredSubject):
         self.store(node.target, result, node)
 
     def _unpacked(self, targets: list[ast.expr], parts: list[Term], node: ast.AST) -> Iterator[tuple[ast.expr, Term]]:
-        """The value for each target of an assignment. A starred target gets a new list of the remaining values."""
+        """Yield the value for each target of an assignment. A starred target gets a new list of the remaining
+        values."""
         starred = [place for place, each in enumerate(targets) if isinstance(each, ast.Starred)]
         rest = len(parts) - len(targets) + len(starred)
         if rest < 0 or (rest and not starred):
@@ -367,7 +368,7 @@ class LoweredAssignments(LoweredSubject):
             self._set_element(target, base, Known(place), each, node)
 
     def _note_assigned(self, target: ast.Subscript) -> None:
-        """Note that elements of an attribute are assigned."""
+        """Record that elements of an attribute are assigned."""
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.f.term(target.value.value), Known):
             self.f.world.memory.assign(owner.value, target.value.attr)
 
@@ -422,14 +423,14 @@ def _is_quality(term: Term) -> bool:
 
 
 def _assigned(tree: ast.AST) -> list[ast.Name]:
-    """The names that a function assigns, without those that it only changes in place."""
+    """Return the names that a function assigns, without those that it only changes in place."""
     changed = {id(each.target) for each in ast.walk(tree) if isinstance(each, ast.AugAssign)}
     names = (each for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
     return [each for each in names if id(each) not in changed]
 
 
 def _changed_in_place(tree: ast.AST) -> set[str]:
-    """The names whose elements a function sets."""
+    """Return the names whose elements a function sets."""
     set_ones = (each for each in ast.walk(tree) if isinstance(each, ast.Subscript) and isinstance(each.ctx, ast.Store))
     return {each.value.id for each in set_ones if isinstance(each.value, ast.Name)}
 

@@ -385,7 +385,7 @@ def _is_container(term: Term) -> bool:
 
 
 def _classes_of(of: CType) -> tuple[type, ...]:
-    """The classes that a value of this type may have in Python."""
+    """Return the classes that a value of this type may have in Python."""
     if isinstance(of, OptionalType):
         return (*_classes_of(of.of), type(None))
     if isinstance(of, NumpyNumber):

@@ -117,7 +117,7 @@ class LoweredCalls(LoweredSubject):
         return self.f.choices.each(terms[place], call, node)  # type: ignore[arg-type]
 
     def _is_passage(self, node: ast.AST) -> bool:
-        """True if its elements can be iterated once only."""
+        """Return True if the elements of the expression can be iterated only once."""
         return isinstance(node, ast.GeneratorExp) or self.f.sequences.is_iterator(node)
 
     def _arguments(

@@ -423,7 +423,7 @@ class LoweredConditions(LoweredSubject):
         return Code(of, result)
 
     def _finished(self, term: Term, statements: list[Statement], of: CType, node: ast.AST) -> Value:
-        """Return one of two values. Further statements that it needs are added to its own."""
+        """Return one of two values as this type. Statements that the conversion needs are added to `statements`."""
         with self.f.one_of_two() as more:
             value = self.f.values.as_type(term, of, node)
         statements += more

@@ -286,7 +286,7 @@ class LoweredExpressions(LoweredSubject):
             raise self.f.refused(node, f"a {kind.__name__} has no elements", "its fields")
 
     def _terms_of_tuple(self, base: Term) -> list[Term]:
-        """The elements of a tuple of values, or of a list that is written out; empty for anything else."""
+        """Return the elements of a tuple of values, or of a list that is written out; empty for anything else."""
         if isinstance(base, TupleTerm):
             return list(base.terms)
         if isinstance(base, Code) and isinstance(base.type, TupleType):

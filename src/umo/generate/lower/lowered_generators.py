@@ -128,7 +128,8 @@ class LoweredGenerators(LoweredSubject):
         return not all(isinstance(self._looked_at(each), Known) for each in nodes)
 
     def _looked_at(self, node: ast.expr) -> Term:
-        """Return the term of an expression. It is lowered again where it stands."""
+        """Return the term of an expression without adding its statements. The expression is lowered again at its
+        place."""
         with self.f.gathered():
             return self.f.term(node)
 
@@ -306,7 +307,7 @@ class LoweredGenerators(LoweredSubject):
         return self._or_default(Code(kind, found), there, default, node)
 
     def _or_default(self, found: Code, there: Temporary, default: Term | None, node: ast.Call) -> Term:
-        """Return the element found, or the default. Raises ValueError without either."""
+        """Return the element found, or the default. Raises ValueError if there is neither."""
         if default is None:
             self.f.raises(ValueError, node, negated(there))
             return found
@@ -388,7 +389,7 @@ class LoweredGenerators(LoweredSubject):
 
 
 def _takes_one(function: ast.Lambda) -> bool:
-    """True if it has one argument and no other local name."""
+    """Return True if the function has one argument and no other local name."""
     own = [each for each in ast.walk(function) if isinstance(each, ast.arg | ast.NamedExpr | ast.Starred)]
     return own == function.args.args and not function.args.defaults
 

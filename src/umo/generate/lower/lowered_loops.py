@@ -109,8 +109,8 @@ class LoweredLoops(LoweredSubject):
     def _turns(
         self, node: ast.For | ast.While, start: dict[str, Any], loop: LoopAround
     ) -> tuple[list[FlowState], list[FlowState]]:
-        """Return what is known at the ends of turns, and where the loop is left. The first turn begins with these
-        names."""
+        """Return the known facts at the ends of turns, and at the points where the loop is left. `start`: the names at
+        the beginning of the first turn."""
         goes_on = self._turn(node.body, loop)
         again = [*([self.f.flow.way()] if goes_on else []), *self.f.flow.left.pop(loop.again, [])]
         for each in again:

@@ -69,8 +69,9 @@ def _pass(
 
 
 def _learn(world: CodeWorld, entries: Sequence[Callable[..., Any]], learners: list[Learner]) -> None:
-    """Lower the stale entries again, so that the next pass over all is likely the last. Only a pass over all gives C,
-    as it assigns numbers and names in order. If all entries are stale, do nothing: the next pass finds as much."""
+    """Lower the stale entries again, so that the next pass over all entries is probably the last one. Only a pass over
+    all entries gives C, because it assigns numbers and names in order. If all entries are stale, do nothing, because
+    the next pass lowers all of them anyway."""
     for _ in range(MOST_PASSES):
         stale = [each.is_stale for each in learners]
         if all(stale) or not any(stale):

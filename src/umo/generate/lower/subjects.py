@@ -92,7 +92,7 @@ class AskedOfAliases(Protocol):
         """True if an array was made here and has no name yet."""
 
     def share(self, term: Term) -> None:
-        """Note that an array gets another name. From now on the array is not changed in place."""
+        """Record that an array gets another name. From now on the array is not changed in place."""
 
 
 class AskedOfTexts(Protocol):

@@ -276,7 +276,7 @@ class TextProof:
         return TupleKind(tuple(parts))
 
     def _parts(self, kind: Kind, node: ast.AST) -> Sequence[Kind]:
-        """The elements of a container of fixed length."""
+        """Return the kinds of the elements of a container of fixed length."""
         if isinstance(kind, TupleKind):
             return kind.parts
         if isinstance(kind, LiveKind) and is_container(kind.value) and not isinstance(kind.value, dict | set):
@@ -286,7 +286,7 @@ class TextProof:
         raise self.unproved(node)
 
     def _each(self, kind: Kind, node: ast.AST) -> Sequence[Kind]:
-        """The elements in the turns of a loop; for numbers one for all."""
+        """Return the kinds of the elements in the turns of a loop; for numbers, one kind for all turns."""
         return [some(kind.of)] if isinstance(kind, RowKind) else self._parts(kind, node)
 
     def subscript(self, node: ast.Subscript) -> Kind:
@@ -388,7 +388,7 @@ class TextProof:
         return RowKind(bool, self._common_count([one, other], node))
 
     def _common_count(self, kinds: Sequence[Kind], node: ast.AST) -> int:
-        """Return the length of arrays of one length, with numbers beside them."""
+        """Return the common length of arrays, among which there may be numbers."""
         counts = {each.count for each in kinds if isinstance(each, RowKind)}
         rest = [each for each in kinds if not isinstance(each, RowKind)]
         if len(counts) != 1 or None in counts or any(not self._classes(each) <= NUMBERS for each in rest):

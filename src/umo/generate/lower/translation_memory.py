@@ -52,8 +52,8 @@ class CurrentLearner:
 
 
 class Facts(Generic[K, V]):
-    """The facts about one subject, by key. A lowering that has looked up a fact is invalid once the fact changes. A
-    fact that was not looked up before it was learnt makes nothing invalid."""
+    """The facts about one subject, by key. A lowering that has looked up a fact is invalid once the fact changes.
+    Learning a fact that was not looked up before makes nothing invalid."""
 
     def __init__(self, current: CurrentLearner) -> None:
         self._current = current
@@ -142,12 +142,12 @@ class TranslationMemory:
         return self.records[key]
 
     def place_known(self, value: Any) -> None:
-        """Note that the numbers of a list or an array are taken as known when the code is generated. No code changes
+        """Record that the numbers of a list or an array are taken as known when the code is generated. No code changes
         them."""
         self.place_arrays(("known", id(value)), value)
 
     def place_arrays(self, place: Hashable, value: Any) -> None:
-        """Note that a field has this value, which may contain lists or arrays."""
+        """Record that a field has this value, which may contain lists or arrays."""
         if isinstance(value, list | np.ndarray):
             self.place_array(place, value)
         if isinstance(value, list | tuple):
@@ -155,7 +155,7 @@ class TranslationMemory:
                 self.place_arrays((place, number), each)
 
     def place_array(self, place: Hashable, value: Any) -> None:
-        """Note that a field has this array or list. If the same array or list is found in another place too, it has
+        """Record that a field has this array or list. If the same array or list is found in another place too, it has
         several names."""
         if (place, id(value)) in self.arrays:
             return
@@ -180,13 +180,13 @@ class TranslationMemory:
         return self.told.setdefault(key, UnknownText.of(key))
 
     def ask_text(self, text: UnknownText) -> None:
-        """Note that the result of a decision in the code depends on this text."""
+        """Record that the result of a decision in the code depends on this text."""
         if text.field is not None:
             self.asked.add(text.field)
 
     def take_text(self, owner: object, name: str, text: UnknownText) -> None:
-        """Note that a text that is not yet a state is assigned to a field. The field is then not a state either, unless
-        the text becomes one."""
+        """Record that a text that is not yet a state is assigned to a field. The field is then not a state either,
+        unless the text becomes a state."""
         if text.field is None or text.field in self.made:
             self.made.add((id(owner), name))
         elif (id(owner), name) in self.asked:

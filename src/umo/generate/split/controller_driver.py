@@ -88,7 +88,8 @@ class Controller(Driver[Channel], Looks, Capability):
         self._wrong = ""
         """The value that the code on the controller takes as known and that differs on the host."""
         self._contained = False
-        """True if the part is in fault as a whole, and it or what is around it fails alone."""
+        """True if the whole part is in fault, and this fault is contained in equipment: in the part itself, or in
+        equipment around it."""
         self._ends = self._rested = False
         self._places: dict[str, int] = {}
         self._seen: ControllerState | None = None
@@ -223,7 +224,7 @@ class Controller(Driver[Channel], Looks, Capability):
     # The exchange ------------------------------------------------------------------------------------------
 
     def _heard(self) -> ControllerState:
-        """The last answer of the controller, which is started if it was not."""
+        """Return the last answer of the controller. A controller that was not started is started first."""
         link, mirror = self._connected(), self._mirror
         assert mirror is not None
         self._check_known()
@@ -251,13 +252,13 @@ class Controller(Driver[Channel], Looks, Capability):
         )
 
     def _check_known(self) -> None:
-        """DriverError while the host has set what the controller takes as known: it hears nothing, and ends by itself
-        (`host_timeout`)."""
+        """Raise DriverError if the host has set a value that the controller takes as known. Then nothing is sent to the
+        controller, so that its session ends (`host_timeout`)."""
         if self._watch is not None and not self._watch.look():
-            raise DriverError(f"{self._wrong}; generate it again, or set a number in its place")
+            raise DriverError(f"{self._wrong}; generate the controller again, or set a number in its place")
 
     def _tell_faults(self, state: ControllerState, mirror: PartMirror) -> None:
-        """Report faults of equipment in the part, and one of the part as a whole: on the controller it is the
+        """Report faults of equipment in the part, and a fault of the whole part, which on the controller is the
         machine."""
         assert self._machine is not None and self._part is not None and self._plan is not None
         for part, fault in mirror.new_faults(state):
@@ -266,7 +267,7 @@ class Controller(Driver[Channel], Looks, Capability):
             self._contained = self._machine.equipment.contain(self._part, DriverError(self._fault_text(state)))
 
     def _start(self, link: LinkHost, mirror: PartMirror) -> None:
-        """Everything that the host has goes to the controller, which begins to act. Its answer is waited for."""
+        """Start the controller: send it all values of the host, and wait for its answer."""
         deadline = self._deadline()
         mirror.forget()
         if not link.offered:

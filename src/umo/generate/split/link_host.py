@@ -42,10 +42,10 @@ class LinkHost:
         self._reader = FrameReader(plan.longest)
         self._nonce = int(self._now() * 1e6) & 0xFFFFFFFF
         self._greets_at = 0.0
-        """Time in s at which the next HELLO is said."""
+        """The time in s at which the next HELLO is sent."""
         self._number = 0
         self._sent: dict[int, float] = {}
-        """Times in s at which the requests were sent that were not answered, by their numbers."""
+        """The times in s at which the unanswered requests were sent, by the numbers of the requests."""
         self._took = 0.0
         self._unsent = bytearray()
         """Data that the line has not accepted yet."""
@@ -57,7 +57,8 @@ class LinkHost:
         """True if the last request was not answered."""
         self.state: ControllerState | None = None
         self._asked = 0.0
-        """Time in s at which the request was sent that `state` answers: what it says is not older."""
+        """The time in s at which the request was sent to which `state` is the answer. The data in `state` are not
+        older."""
         self._retry = plan.host_timeout / 5
 
     def close(self) -> None:
@@ -145,11 +146,11 @@ class LinkHost:
 
     @property
     def _patience(self) -> float:
-        """Time in s for which an answer is waited for: longer on a slow line."""
+        """The timeout in s for an answer, which is longer on a slow line."""
         return min(max(self._retry, 2 * self._took), self._plan.host_timeout / 2)
 
     def _flush(self) -> None:
-        """Send what the line takes, without waiting."""
+        """Send as much as the line accepts, without waiting."""
         if self._unsent and self._stream is not None:
             del self._unsent[: self._stream.give(bytes(self._unsent))]
 
@@ -177,8 +178,8 @@ class LinkHost:
     def _in_a_session(
         self, kind: FrameKind, inhibited: Sequence[bool], items: Sequence[bytes], deadline: float
     ) -> ControllerState:
-        """The answer to a START or a STOP. A session that does not answer within `host_timeout` has ended, or may have
-        begun and ended, and does not begin again: another one is asked for."""
+        """Return the answer to a START or a STOP. If the controller does not answer within `host_timeout`, its session
+        has ended, or may have begun and ended, and does not begin again. Then request another session."""
         try:
             while True:
                 self.session = self.session or self.offered
@@ -196,7 +197,7 @@ class LinkHost:
     def _answered(
         self, kind: FrameKind, inhibited: Sequence[bool], items: Sequence[bytes], deadline: float
     ) -> ControllerState:
-        """Send a request again and again, until one of them is answered. Raises Lost."""
+        """Send a request repeatedly until it is answered. Raises Lost if the deadline passes or the line fails."""
         first = self.next_number
         while True:
             if not self._unsent:
@@ -208,7 +209,8 @@ class LinkHost:
                     raise
 
     def _answer_since(self, first: int, deadline: float) -> ControllerState:
-        """The answer to a request from this number on. Raises Lost."""
+        """Return the answer to the request with this number, or to a later request. Raises Lost if there is none by the
+        deadline."""
         assert self._stream is not None
         while self.state is None or _is_after(first, self.state.heard):
             self._flush()

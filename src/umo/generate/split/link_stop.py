@@ -70,7 +70,7 @@ def _stop(stream: Stream, name: str, deadline: float, retry: float) -> None:
 
 
 def _bodies(stream: Stream, reader: FrameReader, deadline: float, retry: float) -> Iterator[bytes]:
-    """The bodies that arrive within `retry` s. TimedOut after the deadline."""
+    """Yield the bodies that arrive within `retry` s. Raises TimedOut after the deadline."""
     until = calls.now() + retry
     while True:
         try:

@@ -72,7 +72,7 @@ def files_of_plan(plan: PartPlan) -> dict[str, str]:
 
 
 def _with_link(makefile: str) -> str:
-    """The Makefile of a board, for its loop with the link."""
+    """Return the Makefile of a board, changed for the main loop with the link."""
     text = makefile.replace("MAIN = main.c", "MAIN = main_link.c").replace(
         "SOURCES = machine.c", "SOURCES = machine.c machine_link.c"
     )

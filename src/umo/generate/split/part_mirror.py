@@ -32,7 +32,7 @@ class PartMirror:
         self.forget()
 
     def forget(self) -> None:
-        """Note that the state of the controller is unknown, so that everything must be sent."""
+        """Record that the state of the controller is unknown, so that everything must be sent."""
         self._fields: list[bytes | None] = [None] * len(self._plan.fields)
         self._pending: list[bytes | None] = [None] * len(self._outputs)
         self._known: dict[int, bytes | None] = {}
@@ -97,7 +97,7 @@ class PartMirror:
                 yield item(FrameItem.REFERENCE, number, data)
 
     def confirm(self) -> None:
-        """Note that the controller has carried out the last frame."""
+        """Record that the controller has carried out the last frame."""
         for where, number, data in self._given:
             where[number] = data
         self._given, self._items = [], []
@@ -107,7 +107,7 @@ class PartMirror:
         self._sent = set()
 
     def clear(self) -> None:
-        """Note that the equipment is cleared on the host."""
+        """Record that the equipment is cleared on the host."""
         if any(self._faults):
             self._asked.add(FrameItem.CLEAR)
 

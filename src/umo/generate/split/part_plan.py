@@ -101,7 +101,7 @@ class PartPlan:
         return crc32("\n".join([*code, self._tables(), str(self.timeout_ticks), str(self.braking_ticks)]).encode())
 
     def _tables(self) -> str:
-        """The table of the fields in C."""
+        """Return the table of the fields in C."""
         members = [each.members() for each in self.fields]
         first = [0]
         for each in members:
@@ -158,7 +158,7 @@ def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -
 
 
 def _other_rates(part: Compound, wired: Wired, period: float) -> Iterator[NotGenerated]:
-    """Parts inside with a rate other than that of the controller, which has only one rate."""
+    """Yield the obstacles that parts inside this part have other rates than the controller, which has only one rate."""
     inside = {id(node) for node in (part, *walk(part))}
     for rate in wired.rates:
         own = rate.every * (wired.period or 0.0)

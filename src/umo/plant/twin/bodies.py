@@ -18,8 +18,9 @@ class Body:
     """A rigid body of the machine: its shapes, and its drives.
 
     `parent`: the name of the body that carries it, or None if it stands in the world. `position` (m) and `rotation` (as
-    `turned` returns it) are relative to the parent while every joint is at 0. `drives`: the joints, each of which acts
-    after the previous one; a colour; a state in which the body is visible; the loads that the body carries.
+    `turned` returns it) are relative to the parent while every joint is at 0. `drives` may contain joints, each of
+    which acts after the previous one, a colour, a state in which the body is visible, and the loads that the body
+    carries.
     """
 
     name: str
@@ -42,8 +43,8 @@ class Body:
         for colour in self._all(Colour):
             if colour.shape is not None and not 0 <= colour.shape < len(self.shapes):
                 raise DeclarationError(
-                    f"body {self.name!r}: it has {len(self.shapes)} shapes, Colour {colour.path!r} wants "
-                    f"number {colour.shape}"
+                    f"body {self.name!r}: Colour {colour.path!r} names shape number {colour.shape}, but the body has "
+                    f"only {len(self.shapes)} shapes, counted from 0"
                 )
 
     def _all(self, kind: type[Any]) -> list[Any]:

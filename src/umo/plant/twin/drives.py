@@ -150,12 +150,12 @@ class Colour:
     def __post_init__(self) -> None:
         if not isinstance(self.colours, Mapping):
             raise DeclarationError(
-                f"Colour {self.path!r}: a mapping of states or numbers to colours, not {self.colours!r}"
+                f"Colour {self.path!r}: `colours` must map states or numbers to colours, not {self.colours!r}"
             )
         for colour in self.colours.values():
             check_colour(f"Colour {self.path!r}", colour)
         if len(self.colours) < 2:
-            raise DeclarationError(f"Colour {self.path!r} has {len(self.colours)} colours; two at least")
+            raise DeclarationError(f"Colour {self.path!r} has {len(self.colours)} colours; it needs at least 2")
 
     def describe(self, values: Values) -> dict[str, Any]:
         stops = sorted((self._place(values, key), colour) for key, colour in self.colours.items())
@@ -182,10 +182,10 @@ class Visible:
 
 @dataclass(frozen=True)
 class Carried:
-    """Loads on a belt. While a sensor is in `state`, a load passes it; the load begins at the body's origin, and
-    travels along the axis x of the body with the belt. A load is drawn as a box whose length is computed from the time
-    in front of the sensor. `speed`: the path of the belt's speed. `over`: distance in m after which a load is no longer
-    drawn. `size`: the width (y) and height (z) of a load, m.
+    """Loads on a belt. While a sensor is in `state`, a load passes the sensor. The load begins at the body's origin,
+    and travels with the belt along the x axis of the body. A load is drawn as a box whose length is computed from the
+    time in front of the sensor. `speed`: the path of the belt's speed. `over`: distance in m after which a load is no
+    longer drawn. `size`: the width (y) and height (z) of a load, m.
     """
 
     sensor: str

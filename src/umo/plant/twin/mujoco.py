@@ -53,8 +53,8 @@ def _loaded(mj: Any, given: Any) -> Any:
 
 
 def _joint(mj: Any, model: Any, name: str, given: str | Drive) -> tuple[int, Joint]:
-    """The joint's number, and what drives it. A slide and a hinge of MuJoCo count from their `ref`; `qpos0` is the
-    coordinate of the body's declared place."""
+    """Return the joint's number, and the joint of the twin. A slide and a hinge of MuJoCo count from their `ref`;
+    `qpos0` is the coordinate of the body's declared place."""
     names = [model.joint(number).name for number in range(model.njnt)]
     if name not in names:
         raise DeclarationError(f"the MuJoCo model has no joint {name!r}{did_you_mean(name, names)}")
@@ -91,7 +91,7 @@ def _name(model: Any, number: int) -> str:
 
 
 def _shape(mj: Any, model: Any, geom: int) -> Shape | None:
-    """Return the shape of a geom, or None for what is not drawn: planes, height fields, transparent ones."""
+    """Return the shape of a geom, or None if the geom is not drawn: a plane, a height field, a transparent geom."""
     kinds = mj.mjtGeom
     r, g, b, opacity = _colour(model, geom)
     options: dict[str, Any] = {
@@ -127,7 +127,8 @@ def _colour(model: Any, geom: int) -> tuple[float, ...]:
 
 
 def _view(model: Any) -> Viewpoint | None:
-    """The view of the first camera that stands in the world: along its own -z, as far as the model's middle is."""
+    """Return the view of the first camera that is fixed in the world. It looks along its own -z axis, to the distance
+    of the model's centre."""
     for number in range(model.ncam):
         if model.cam_bodyid[number] == 0:
             eye, ahead = model.cam_pos0[number], -model.cam_mat0[number].reshape(3, 3)[:, 2]
@@ -137,5 +138,5 @@ def _view(model: Any) -> Viewpoint | None:
 
 
 def _floats(array: Any) -> tuple[float, ...]:
-    """Single precision of colours is rounded to what was meant."""
+    """Return floats. Those of single precision, such as colours, are rounded to the decimal numbers that were meant."""
     return tuple(round(float(x), 7) if array.dtype == "float32" else float(x) for x in array)

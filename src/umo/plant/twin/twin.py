@@ -84,7 +84,7 @@ def entries_of(machine: Compound | Layout) -> list[Described]:
 
 
 def _paths(bodies: Sequence[Mapping[str, Any]]) -> Iterable[str]:
-    """The paths of every value that a body shows."""
+    """Yield the paths of all values that the bodies show."""
     for body in bodies:
         for kind in ("joints", "colours", "visible"):
             yield from (drive["path"] for drive in body[kind])

@@ -50,7 +50,7 @@ def save(reader: Reader, path: Path, reason: str, periods: int = KEPT_PERIODS) -
 
 
 def _content(reader: Reader, frames: Frames, reason: str) -> bytearray:
-    """A file with exactly the existing frames and entries, each at the place of its number."""
+    """Return the content of a file with exactly the existing frames and entries, each at the place for its number."""
     about = reader.layout.about | {"kept": time.time(), "reason": reason}
     layout = dataclasses.replace(reader.layout, about=about)
     numbers = [int(sequence) // 2 - 1 for sequence in frames["sequence"]]

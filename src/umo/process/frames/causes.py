@@ -1,9 +1,9 @@
 """The search for the cause of a missed period in its frames.
 
-A tick is missed between a return of the timer and its next call: in the period before the reporting frame, the loop
-woke late or the work took too long. The part of this period with the largest excess over its usual time shows where the
-time was spent. The usual time is the median of the available periods that ended in time; 0 if there are none. The
-counters of the operating system and of the interpreter show the reason.
+A tick is missed between a return of the timer and its next call. So the cause lies in the period before the reporting
+frame: the loop woke late, or the work took too long. The part of this period with the largest excess over its usual
+time shows where the time was spent. The usual time is the median of the available periods that ended in time; 0 if
+there are none. The counters of the operating system and of the interpreter show the reason.
 """
 
 from __future__ import annotations
@@ -89,9 +89,9 @@ class Evidence:
         """The excess in ns above the usual time from which on a period may have caused a missed tick."""
 
     def explain(self, row: int) -> MissCause:
-        """Return the cause of the periods that were missed at this row. The cause is UNKNOWN if the causing period, or
-        the counts of one of the first two periods, are not available, unless a part of the causing period took longer
-        than a whole period."""
+        """Return the cause of the periods that were missed at this row. The cause is UNKNOWN if the causing period is
+        not available. It is also UNKNOWN if there are no counts for this period, as for the first ones, unless a part
+        of the causing period took longer than a whole period."""
         first, excess, part = row, 0.0, ""
         while first >= 1:
             before = first - 1
@@ -159,16 +159,16 @@ def always_slow(frames: Frames, layout: Layout) -> str:
     waited = float(np.median(counts(frames)["run_queue_wait"][late])) if is_slow else 0.0
     if waited < NAMED_SHARE * total:
         return text
-    return f"{text}; for {duration(round(waited * 1e-9, 6))} of that other processes used the core"
+    return f"{text}; for {duration(round(waited * 1e-9, 6))} of this time, other processes used the core"
 
 
 def _medians(parts: PhaseTimes, chosen: npt.NDArray[np.bool_]) -> dict[str, float]:
-    """The median of each part in these rows, in ns; 0 where there are none."""
+    """Return the median of each part in these rows, in ns; 0 if there are no rows."""
     return {name: float(np.median(times[chosen])) if chosen.any() else 0.0 for name, times in parts.items()}
 
 
 def _name(part: str) -> str:
-    """A part of a period as text: `control code of oven`, `driver io (sample)`."""
+    """Return a part of a period as text: `control code of oven`, `driver io (sample)`."""
     kind, _, of = part.partition(" ")
     if kind == CONTROL:
         return f"{CONTROL_CODE}{' of' * bool(of)} {of}".rstrip()
@@ -234,7 +234,8 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
 
 
 def _faulted(counted: dict[str, int], excess: float) -> bool:
-    """True if page faults explain it: from disk; or many; or some, of large pages, and the time went in the kernel."""
+    """Return True if page faults explain the excess: faults that read the disk, or many faults, or some faults (of
+    large pages) if most of the time was spent in the kernel."""
     minor = counted["minor_faults"]
     if counted["major_faults"] or minor * MIN_FAULT_TIME >= FAULT_SHARE * excess:
         return True

@@ -124,7 +124,7 @@ class Sender:
 
     @contextmanager
     def _turn(self, until: float) -> Iterator[None]:
-        """Alone among the clients. The lock of one that dies ends with it."""
+        """Return a context in which no other client uses the queue. If a client dies, its lock is released."""
         while True:
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)

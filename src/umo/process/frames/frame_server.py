@@ -108,7 +108,7 @@ def is_living(path: Path) -> bool:
 
 
 def _made(path: Path) -> int:
-    """ns of CLOCK_MONOTONIC, from the name that `new_path` gave."""
+    """Return the time of creation in ns of CLOCK_MONOTONIC, from the name that `new_path` has given."""
     return int(path.stem.rpartition("-")[2], 16)
 
 
@@ -206,7 +206,8 @@ def receive(path: Path) -> RunDescriptors:
 
 
 def _connect(here: socket.socket, address: str) -> None:
-    """Connect within the socket's time. While too many wait already, the kernel refuses at once (unix(7), EAGAIN)."""
+    """Connect within `STOPPED_TIMEOUT`. While too many clients wait, the kernel refuses the connection immediately
+    (unix(7), EAGAIN); then try again."""
     until = time.monotonic() + STOPPED_TIMEOUT
     while True:
         try:
@@ -238,8 +239,8 @@ def _wait_for_answer(here: socket.socket, path: Path, maker: int) -> None:
 
 
 def _asked(maker: int) -> tuple[str, int]:
-    """The process that answers clients, as a text, and its number: the guardian of the process that has made the
-    socket, or else that process itself. 0: it is unknown."""
+    """Return the process that answers clients, as text and by its pid. This is the guardian of the process that has
+    made the socket, or else that process itself. The pid is 0 if it is unknown."""
     guardian = processes.parent_of(maker) if maker else 0
     if guardian and processes.name_of(guardian) in GUARDIAN_NAMES:
         return "guardian", guardian
@@ -269,7 +270,8 @@ def is_served(path: Path) -> bool | None:
 
 @contextmanager
 def _address(path: Path) -> Iterator[str]:
-    """The path, or a shorter one by a descriptor of its folder where it does not fit."""
+    """Return a context with the path. If the path is too long for an address, the context has a shorter path through a
+    descriptor of the folder."""
     if len(os.fsencode(path)) <= MAX_ADDRESS_BYTES:
         yield str(path)
         return
@@ -281,7 +283,7 @@ def _address(path: Path) -> Iterator[str]:
 
 
 def _maker_and_user(connection: socket.socket) -> tuple[int, int]:
-    """The process at the other end, which may have left the socket to another one since, and its user, as the kernel
-    knows them."""
+    """Return the pid and the user of the process at the other end, as known to the kernel. That process may have left
+    the socket to another process since."""
     pid, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
     return int(pid), int(user)

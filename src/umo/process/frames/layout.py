@@ -43,9 +43,9 @@ of the journal, number of its entries, bytes of the description."""
 SHRUNK = "shrunk_from"
 """The key in the description of a shrunk recording for the number of periods that the recording had before."""
 CHECKSUM = 1
-"""The flag that each frame has a CRC-32, because the order of stores is not certain on this processor. The CRC-32
-covers `sequence` (the even number) and all bytes after `checksum` up to the end of the last field. The entries of the
-frame have another CRC-32. A reader also verifies the checksums of events."""
+"""The flag which says that each frame has a CRC-32, because the order of stores is not certain on this processor. The
+CRC-32 covers `sequence` (the even number) and all bytes after `checksum` up to the end of the last field. The entries
+of the frame have another CRC-32. A reader also verifies the checksums of events."""
 
 
 class Live:
@@ -75,7 +75,7 @@ LEASE_AT, LEASE_BYTES = 8 * Live.LEASE, TEXT_HEAD.size + NAME
 the size of the holder's name, the CRC-32 of both and of the name (8 bytes each), and the name in UTF-8, up to `NAME`
 bytes, empty if nobody has the lease."""
 EVENTS = 512
-"""The number of the most recent events that are kept."""
+"""The number of events that are kept: the most recent ones."""
 
 ENTRY = ENTRIES
 """An entry of the journal (`umo.cycle.journal`)."""
@@ -315,7 +315,8 @@ _WITH_PATHS = ("objects", "signals", "actions", "tunables", "equipment", "axes",
 
 
 def _describe_journal() -> dict[str, Any]:
-    """An entry's fields as those of a frame; what its numbers mean."""
+    """Return the description of the fields of an entry, in the form of those of a frame, with the meanings of their
+    numbers."""
     names = {"kinds": Kind, "errors": ErrorKind}
     return _describe_row(ENTRY) | {key: {int(each): each.name for each in kinds} for key, kinds in names.items()}
 

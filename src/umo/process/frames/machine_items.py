@@ -50,8 +50,8 @@ end of the period; both are the greatest values since the last look."""
 
 
 QUIET = tuple(str(each) for each in AlarmState if each is AlarmState.NORMAL or each in PUT_AWAY)
-"""The names of the states of an alarm, or of equipment, in which nothing is wrong, and of the states in which an
-operator has shelved an alarm or removed it from service."""
+"""The names of the states of an alarm or of equipment in which nothing is wrong, or in which an operator has shelved
+the alarm or removed it from service."""
 DIGITS, MAX_DIGITS = 6, 15
 """DIGITS: the number of significant digits of the greatest value, if no resolution determines the digits. MAX_DIGITS:
 the largest number of digits after the point."""

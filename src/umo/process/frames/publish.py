@@ -36,7 +36,7 @@ from umo.user_code import attempt
 from umo.wiring.wired import Wire
 
 PLAIN_TYPES = (str, int, float, bool, type(None))
-"""Types of arguments of exceptions whose text is made by umo or Python alone."""
+"""Types of arguments of exceptions whose text can be made without calling the user's code."""
 
 
 @contextmanager
@@ -113,21 +113,23 @@ def published(
 
 
 def _object(item: Atomic, wire: Wire) -> dict[str, Any]:
-    """The description of an object. `inspected`: whether the driver of a number can show the content of its circuit; it
-    does so only on request, not in a period."""
+    """Return the description of an object. `inspected` is in it if the driver of a number can show the content of its
+    circuit. The driver does this only on request, never in a period."""
     is_number = item.direction is Direction.INPUT and not item._has_states
     tells = is_number and isinstance(wire.driver, Inspects)
     return {**described(item).plain, **({"inspected": True} if tells else {})}
 
 
 def _start(number: MachineNumber) -> float | None:
-    """The value with which it starts: what differs was tuned. None: it has none."""
+    """Return the value of a tunable number at the start; a later value that differs was tuned. None if the number has
+    no value."""
     value = number.read()
     return value if isfinite(value) else None
 
 
 def _own_memory(station: str, memory: ExitStack) -> tuple[RunDescriptors, FrameServer]:
-    """New memory: the writer's descriptors, and a server of the readers'. `memory` closes them."""
+    """Make new memory. Return the writer's descriptors, and a server that gives the readers' descriptors. `memory`
+    closes both."""
     ends, readers = RunDescriptors.pair()
     memory.callback(ends.close)
     memory.callback(readers.close)
@@ -137,7 +139,7 @@ def _own_memory(station: str, memory: ExitStack) -> tuple[RunDescriptors, FrameS
 
 
 def _about(connection: connect[Any]) -> dict[str, Any]:
-    """The facts about this run that stand in its frames."""
+    """Return the facts about this run that its frames contain."""
     wired = connection.wired
     about: dict[str, Any] = {
         "devices": wired.devices,
@@ -188,7 +190,8 @@ def tell(machine: ConnectedMachine, state: CommandState, text: str) -> None:
 
 
 def _stopper(connection: connect[Any]) -> str:
-    """Name of who has asked for the stop: a client, a signal, a time limit, or else the program itself."""
+    """Return the name of the client, the signal, or the time limit that has requested the stop, or else "the
+    program"."""
     stops = (event for event in reversed(connection.machine.events) if event.asked == "stop")
     who = next((event.who for event in stops if event.state is CommandState.DONE), "")
     signal = connection.stop.signal
@@ -197,7 +200,8 @@ def _stopper(connection: connect[Any]) -> str:
 
 
 def _text(error: BaseException) -> str:
-    """The text of an exception, as far as that calls no code of the user's: the outcome is not reported yet."""
+    """Return the text of an exception. If this would call code of the user, return only its class and place, because
+    the outcome is not reported yet."""
     written, plain = type(error).__str__, all(type(arg) in PLAIN_TYPES for arg in error.args)
     if not plain or not (isinstance(written, WrapperDescriptorType) or written.__module__.startswith("umo.")):
         return type(error).__name__ + in_brackets(place_of(error))

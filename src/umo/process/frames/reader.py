@@ -109,7 +109,7 @@ class Reader(RunReader):
         fields = self._dtype.fields
         assert fields is not None
         self._sizes = size, self.layout.content, fields["quality"][1], len(self.layout.objects)
-        """Bytes of a frame and those in use, offset of its qualities, how many there are."""
+        """The size of a frame and the number of its used bytes; the offset of its qualities and their number."""
         self._live = memoryview(memory)[:DESCRIPTION].cast("q")
         self._lease = SharedText(memory, LEASE_AT, LEASE_BYTES)
         self._rows = np.frombuffer(memory, np.uint8, self.slots * size, first).reshape(self.slots, size)
@@ -294,11 +294,11 @@ class Reader(RunReader):
     # Inside --------------------------------------------------------------------------------------------
 
     def _count(self, place: int) -> int:
-        """A live number that counts, within bounds where it is damaged."""
+        """Return a live number that counts, limited to valid values in case it is damaged."""
         return min(max(int(self._live[place]), 0), MAX_COUNT)
 
     def _copy(self, start: int, stop: int) -> Frames:
-        """Copy those of the frames that are still there and whole."""
+        """Return copies of those frames that are still available and complete."""
         numbers = np.arange(start, max(start, stop), dtype=np.uint64)
         if not len(numbers):
             return np.zeros(0, self._dtype)
@@ -332,7 +332,7 @@ class Reader(RunReader):
 
 
 def _is_whole(row: Any) -> bool:
-    """True if the copy of an event's row is what was written."""
+    """Return True if the copy of an event's row is complete, by its checksum."""
     return bool(row["checksum"] == event_checksum(int(row["sequence"]), row.tobytes()[EVENT_BODY:]))
 
 

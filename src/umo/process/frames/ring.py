@@ -78,7 +78,8 @@ def writer(image: Image, layout: Layout, file: mmap) -> Write:
 
 
 class _Packed:
-    """The writer in Python, where the extension is not built. Tests prove that both write the same bytes."""
+    """The writer in Python, for use if the extension was not built. Tests prove that both writers write the same
+    bytes."""
 
     def __init__(self, shown: memoryview, layout: Layout, file: mmap) -> None:
         self._shown, self._file = shown, file
@@ -97,8 +98,8 @@ class _Packed:
         phases: list[int],
         signals: list[float],
     ) -> None:
-        """Write a body to `at` in the file, with what the image shows. The arguments are of exactly these types; times
-        but `time` are ns; `seldom` is what changes seldom, packed."""
+        """Write a body at the offset `at` of the file, with the values of the image. The arguments have exactly these
+        types. All times except `time` are in ns. `seldom`: the packed fields that rarely change."""
         self._struct.pack_into(self._file, at, number, time, missed, began, wake, execution, seldom, *phases, *signals)
         end = at + self._struct.size
         self._file[end : end + len(self._shown)] = self._shown
@@ -124,7 +125,7 @@ class Ring:
         self.image = image = machine.image
         self._machine = machine
         self._attached = 0
-        """The number of capabilities at the time of the last search for one that takes commands."""
+        """The number of the machine's capabilities when a capability that takes commands was last searched for."""
         self._clients: Commanding | None = None
         self._events = machine.events
         self._told = 0
@@ -206,7 +207,7 @@ class Ring:
         self._numbers[(self._tunables_at >> 3) + number] = self._tunables[number].read()
 
     def _tell(self) -> None:
-        """Publish the new events, as far as they are kept. Tuned numbers are shown before their event."""
+        """Publish the new events that are still kept. A tuned number is shown before its event."""
         new = self._events.recent(self._events.told - self._told)
         self._told = self._events.told
         for number, event in enumerate(new, self._told - len(new)):
@@ -240,9 +241,9 @@ class Ring:
         self.journal.clear()
 
     def _seldom_part(self, frame: Frame, took: int) -> bytes:
-        """Counters, UTC, commands taken, journal and progress: packed when they may have changed. The counters are read
-        after a period that took long, that missed others, or in which the collector ran, and in one of
-        `COUNTER_PERIODS`."""
+        """Return counters, UTC, commands taken, journal and progress, packed again only if they may have changed. The
+        counters are read after a period that took long, after missed periods, after a period in which the collector
+        ran, and in one of every `COUNTER_PERIODS` periods."""
         journal, progress, clients = self.journal, frame.progress, self._clients
         empty = not (journal.count or journal.sampled or journal.updated)
         taken = 0 if clients is None else clients.inbox.taken
@@ -279,8 +280,8 @@ class Ring:
         return self._seldom_packed
 
     def _keep(self, journal: Journal) -> int:
-        """Keep the entries of this period; their checksum, if any. Readers first get the place that is being
-        written."""
+        """Store the entries of this period, and return their checksum (0 if checksums are not used). First tell readers
+        which entries are being overwritten."""
         count, at = journal.count, self._entries % self.journal_entries
         self._live[Live.JOURNAL] = self._entries = self._entries + count
         entries = memoryview(journal.buffer)[: count * ENTRY_BYTES]

@@ -147,7 +147,7 @@ class RunReader(ABC):
 
     @property
     def kept(self) -> list[str]:
-        """The paths of the numbers that are kept over a restart."""
+        """The paths of the numbers that are kept across a restart."""
         return [entry["path"] for entry in self.layout.signals if "kept" in entry]
 
     def index(self, path: str) -> int:

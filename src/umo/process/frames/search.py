@@ -30,7 +30,7 @@ def frames_at(path: Path) -> Reader:
 
 
 def _check(about: Mapping[str, Any]) -> None:
-    """Check the facts by which stations are told apart and listed: any exception if they are not right."""
+    """Check the facts by which stations are distinguished and listed. Raises any exception if they are not valid."""
     "".join([about["station"], about["wiring"], about["place"], *about["devices"]])
     if not (math.isfinite(about["started"]) and math.isfinite(about["period"]) and about["pid"] == int(about["pid"])):
         raise ValueError("numbers")
@@ -95,8 +95,8 @@ def find_elsewhere(name: str) -> Reader | None:
 
 def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
     """Return the runs that a name means; all commands and `umo.attach` use this function. A name means the run with
-    this pid, or else the runs of the station in this folder, or else, unless the name is a path, the runs of stations
-    with this name in any folder."""
+    this pid. If there is none, it means the runs of the station in this folder. If there are none and the name is not a
+    path, it means the runs of stations with this name in any folder."""
     if name.isdigit() and not os.path.isdir(name):
         return [reader for reader in found if str(reader.about["pid"]) == name]
     place = real_path(name)
@@ -148,7 +148,7 @@ def readers(said: Callable[[str], object] = lambda text: None) -> list[Reader]:
 
 
 def _others() -> str:
-    """A hint for the message if another user has a folder of frames."""
+    """Return a hint for the message if another user has a folder of frames; otherwise ""."""
     folders = [path for path in Path("/dev/shm").glob("umo-*") if path.is_dir()] if Path("/dev/shm").is_dir() else []
     own = f"umo-{os.getuid()}" if hasattr(os, "getuid") else ""
     return " for this user; stations of other users cannot be reached" if any(p.name != own for p in folders) else ""

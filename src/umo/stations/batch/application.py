@@ -15,7 +15,7 @@ from .errors import BatchesLost
 USUAL: Sequence[Name] = ("glue", "soap")
 """The recipes that are made if none is given."""
 ENDED = (ProcedureState.COMPLETE, ProcedureState.STOPPED, ProcedureState.ABORTED)
-"""The states in which a reactor makes no batch until it is reset."""
+"""The states in which a reactor makes no further batch until it is reset."""
 
 
 async def main(m: BatchPlant, recipe: Sequence[Name] = (), batches: int = 2, patience: float = 600.0) -> dict[str, Any]:

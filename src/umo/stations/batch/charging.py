@@ -83,7 +83,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
             raise ChargingError(f"{what} does not flow through {valve.path}: {load:.1f} kg on the scale")
 
     async def _standstill(self) -> None:
-        """Ends when the load no longer changes."""
+        """End when the load no longer changes."""
         change, time = self.least_flow * self.settling_time, self.settling_time
         before = value_of(self.scale)
         await wait(time)

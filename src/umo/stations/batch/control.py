@@ -1,7 +1,7 @@
 """The control of the batch plant: a reactor makes batches, the charging line weighs their raw materials (charging.py).
-Each reactor and the line are equipment and fail alone. The work of the charging line for a reactor is a sequence of the
-line, which the reactor awaits. If the line fails, both the line and the reactor whose batch is interrupted are in
-fault.
+Each reactor and the line are equipment, so that a fault of one does not stop the others. The line's work for a reactor
+is a sequence of the line, which the reactor awaits. If the line fails, the line and the reactor whose batch is
+interrupted are in fault.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Reactor(
     integral_time: float = 200.0
     """Integral time of the heater's PI, s."""
     tolerance: Annotated[float, Number("K", 0.2, 2.0, tunable=True)] = 1.0
-    """The largest distance from the temperature of the recipe at which the holding time counts, K."""
+    """The largest distance from the recipe's temperature at which the holding time is counted, K."""
     heating_time: Annotated[float, Number("s", 60.0, 3600.0, tunable=True)] = 400.0
     """The time within which a batch must reach its temperature, s."""
     rise_time: Annotated[float, Number("s", 10.0, 600.0)] = 60.0
@@ -205,7 +205,7 @@ class Reactor(
             await first(self._carried_out(discharged), held_open(self.feed))
 
     async def _carried_out(self, in_line: Task) -> None:
-        """Wait for what the charging line does for this reactor."""
+        """Wait for the end of the charging line's work for this reactor."""
         self.in_line = in_line
         try:
             await in_line
@@ -213,7 +213,7 @@ class Reactor(
             self.in_line = None
 
     async def _cleared(self, line: ChargingLine) -> None:
-        """Wait until the line is in fault no longer: it was not in this batch that it failed."""
+        """Wait until the line is no longer in fault. It had failed before this batch."""
         try:
             await until(lambda: line.cycle.fault is None, timeout=self.line_time)
         except TimeExpired:
@@ -238,7 +238,7 @@ class Reactor(
             raise TemperatureError(f"{found:.1f} degC: the temperature does not reach {wanted:g} degC")
 
     async def _standstill(self) -> None:
-        """Ends when the temperature does not rise although it is too low: it is not heated without a thermometer."""
+        """End when the temperature does not rise although it is too low: the thermometer or the heater has failed."""
         while True:
             before = value_of(self.temperature)
             await wait(self.rise_time)
@@ -247,7 +247,7 @@ class Reactor(
                 return
 
     def _is_off(self) -> bool:
-        """True if it has not the temperature and the stirring of the recipe: a box that was away begins at 0 rpm."""
+        """True if temperature or stirring are not those of the recipe: a box that was away begins at 0 rpm."""
         slow = abs(self.stirrer.read() - self.stirring) > STIRRING_TOLERANCE
         return slow or abs(value_of(self.temperature) - self.setpoint) > self.tolerance
 
@@ -264,7 +264,7 @@ class Reactor(
         try:
             await first(empty, held_open(self.drain))
         except TimeExpired:
-            raise DrainingError(f"{self.level.read():.0f} l after {self.draining_time:g} s of draining") from None
+            raise DrainingError(f"{self.level.read():.0f} l left after {self.draining_time:g} s of draining") from None
 
 
 class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms"):

@@ -23,4 +23,4 @@ class DrainingError(TaskFailed):
 
 
 class BatchesLost(TaskFailed):
-    """Nobody cleared the fault of a reactor in time: its batches were not made."""
+    """The fault of a reactor was not cleared in time, so its batches were not made."""

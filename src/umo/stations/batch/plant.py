@@ -15,7 +15,7 @@
 
 Time constants: valves 0.15 s, stirrer 1 s, heater (120 kW) 8 s, thermometer 4 s, scale 0.3 s. Raw materials come at 2.0
 and 1.5 kg/s, the hopper empties at 5 kg/s, a reactor at 4 kg/s. `seed` decides the spread of flows and heaters (5 %),
-and the noise. What `report` says is on no channel.
+and the noise. No channel carries the data of `report`.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Plant(Driver, Reports):
                 valves[n] += (levels[name] - valves[n]) * share
 
     def _weigh(self, dt: float) -> None:
-        """Raw materials flow into the hopper; its load goes where the ways are open. The scale follows."""
+        """Let raw materials flow into the hopper, and its load through the open outlets. The scale follows."""
         for n, flow in enumerate(self._inflows):
             self.hopper[n] += flow * self._inlets[n] * dt
         for n, vessel in enumerate(self.vessels):
@@ -144,7 +144,7 @@ class Plant(Driver, Reports):
         self._load += (sum(self.hopper) - self._load) * (1.0 - exp(-dt / SCALE_LAG))
 
     def _judge(self, number: int, vessel: Vessel) -> None:
-        """A batch has left its reactor."""
+        """Judge a batch that has left its reactor."""
         recipe = vessel.made()
         if recipe is None:
             self.wrong += 1

@@ -101,7 +101,7 @@ def _reactor(number: int, x: float) -> Iterator[Body]:
 
 
 def _valve(path: str, place: Coordinates, start: Coordinates, end: Coordinates) -> Body:
-    """A valve on its pipe: bright while it is open."""
+    """Return a valve on its pipe, which is bright while it is open."""
     x, y, z = (b - a for a, b in zip(start, end, strict=True))
     middle = [(a + b) / 2 - c for a, b, c in zip(start, end, place, strict=True)]
     turn = turned((1, 0, 0), 90) if y else turned((0, 1, 0), degrees(atan2(x, z)))

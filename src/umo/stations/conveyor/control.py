@@ -124,7 +124,7 @@ class Sorter(
 
     @action(harmless=True)
     def bin_emptied(self) -> None:
-        """Note that the reject bin was emptied."""
+        """Record that the reject bin was emptied."""
         self.in_bin = 0
 
     def accepts(self, length: float) -> bool:

@@ -27,4 +27,4 @@ class EmergencyStop(TaskFailed):
 
 
 class PartsLost(TaskFailed):
-    """No operator continued in time after a fault, a stop, or a lack of parts: not all parts were sorted."""
+    """No operator continued in time after a fault, a stop, or a lack of parts, so not all parts were sorted."""

@@ -125,7 +125,7 @@ class Plant(Driver, Reports):
             self._show(present)
 
     def _drive(self, dead: bool) -> float:
-        """Travel of the belt in a period, mm: exact for a drive of the first order."""
+        """Return the travel of the belt in a period, mm. It is exact for a drive of the first order."""
         target = self.outputs["drive:setpoint"] / 16.384 + self.outputs["hertz:setpoint"] / 5.0  # one of them is wired
         if dead or not self.outputs["drive:run"]:
             target = 0.0
@@ -134,7 +134,7 @@ class Plant(Driver, Reports):
         return target * self.period + behind * LAG * (1.0 - decay)
 
     def _move(self, travel: float, present: set[str]) -> None:
-        """Parts move with the belt, up to the part before them or to where they jam."""
+        """Move the parts with the belt, up to the part before them or to the place where they jam."""
         jams = [JAMS[name] for name in present & JAMS.keys()] if present else ()
         free = math.inf
         for item in self.belt:

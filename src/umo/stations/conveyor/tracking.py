@@ -75,7 +75,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         raise NotImplementedError
 
     def passed(self, part: Part) -> None:
-        """Note that a part has passed the diverter."""
+        """Record that a part has passed the diverter."""
 
     def control(self) -> None:
         if (barriers := (covered(self.entry), covered(self.exit))) != self._barriers:
@@ -138,7 +138,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
     # A part on its way ---------------------------------------------------------------------------------
 
     async def _watch_entry(self) -> None:
-        """Measure the parts, the first one when what lies in the barrier has left it."""
+        """Measure the parts. If something covers the barrier at first, begin when it has left the barrier."""
         limit = self.belt.position + self.spacing
         await until(lambda: not covered(self.entry) or self.belt.position > limit)
         if covered(self.entry):
@@ -155,7 +155,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
             part.accepted = self.accepts(part.length)
 
     async def _watch_exit(self) -> None:
-        """See the parts arrive and leave, once those that were not measured have left."""
+        """Watch the parts arrive and leave, after those that were not measured have left."""
         await until(lambda: self.belt.position >= self._zero + self.distance - self.window)
         await until(lambda: not covered(self.exit) or self.belt.position >= self._zero + self.distance + self.window)
         while True:
@@ -189,7 +189,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
             self.diverter.write(OnOff.ON if self._pushes else OnOff.OFF)
 
     async def _sort(self, part: Part) -> None:
-        """See a part from the exit barrier past the diverter."""
+        """Watch a part from the exit barrier until it is past the diverter."""
         middle = part.front + self.diverter_at + part.length / 2
         await until(lambda: self.belt.position + 1000.0 * value_of(self.belt.speed) * self.push_time >= middle)
         if not part.accepted:
@@ -199,7 +199,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         self.passed(part)
 
     def _overdue(self) -> bool:
-        """A part has not arrived, and neither has the next one: this distinguishes a jam from a part that was taken
+        """True if neither a part nor the next one has arrived. This distinguishes a jam from a part that was taken
         away."""
         if not self._between:
             return False
@@ -209,7 +209,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         return self.belt.position > following.front + self.distance + margin
 
     def _missing(self) -> Exception:
-        """Reason why the foremost part does not arrive."""
+        """Return the error that says why the foremost part does not arrive."""
         part, *others = self._between
         if part.length < inf and not others:
             return PartMissing(f"part {part.number} did not arrive: taken away, or jammed with no part behind it")
@@ -221,7 +221,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         return Jam(text)
 
     def _arrived(self) -> Part:
-        """The part that has covered the exit barrier."""
+        """Return the part that has covered the exit barrier."""
         front = self.belt.position - self.distance
         last = self._between[-1] if self._between else None
         if last is not None and last.length == inf and front >= last.front - self.window:

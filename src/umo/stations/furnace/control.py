@@ -131,7 +131,7 @@ class Furnace(
             raise HeatingError(f"{_named(cold)}: {errors.max():.0f} K below the setpoint")
 
     def _check_zones(self, temperatures: Any) -> None:
-        """A zone without a valid temperature, or with one that stands still, is faulted: heater off, fan on."""
+        """Make a zone faulted (heater off, fan on) if its temperature is invalid or does not change at all."""
         quality = self.temperatures.quality
         invalid = (quality == Quality.BAD) | (quality == Quality.OUT_OF_RANGE)
         hot = (temperatures > self.limits + self.margin) & ~invalid  # no zone leaves the range without passing here
@@ -206,7 +206,7 @@ class Furnace(
 
 
 def _named(zones: Any) -> str:
-    """Zones of an array of booleans, for messages."""
+    """Return the zones of an array of booleans, for messages."""
     numbers = np.flatnonzero(zones)
     more = f" and {len(numbers) - NAMED} more" if len(numbers) > NAMED else ""
     return f"zone{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:NAMED]))}{more}" if len(numbers) else ""

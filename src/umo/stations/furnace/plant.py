@@ -97,7 +97,7 @@ class Plant(Driver[FurnaceChannel], Reports):
         self._levels.ravel()[self._of(channels)] = raws
 
     def _of(self, channels: Sequence[FurnaceChannel]) -> IntArray:
-        """Places of these channels among the levels; the same list of them comes in every period."""
+        """Return the places of these channels among the levels. The same list is passed in every period."""
         known, places = self._places.get(id(channels), ((), np.zeros(0, np.int64)))
         if known is not channels:
             if len(self._places) > 8:  # parts are moved by lists of their own, each time another
@@ -151,7 +151,7 @@ class Plant(Driver[FurnaceChannel], Reports):
         self._highest = max(self._highest, float(self.temperatures.max()))
 
     def _measure(self) -> None:
-        """The converters' raw integers: 0.3 counts of noise, saturating below the mark of an open circuit."""
+        """Compute the converters' raw integers: 0.3 counts of noise, saturating below the mark of an open circuit."""
         sensed = self._sensed.copy()
         self._fail(sensed, {"shorted-thermocouple": AMBIENCE})
         counts = TYPE_K.to_inputs(sensed) / VOLTS + self._random.normal(0.0, 0.3, len(sensed))
@@ -162,7 +162,7 @@ class Plant(Driver[FurnaceChannel], Reports):
         self._levels[THERMOCOUPLE] = counts
 
     def _fail(self, values: FloatArray, those: Mapping[str, float]) -> None:
-        """Give the zones that have one of these faults by now the value of it."""
+        """Give each zone that has one of these faults now the value that belongs to the fault."""
         for kind, zone, start in self._faults:
             if kind in those and self._time >= start:
                 values[zone] = those[kind]
@@ -185,7 +185,7 @@ def _within(values: FloatArray, low: float, high: float) -> FloatArray:
 
 
 def _fault(text: str) -> tuple[str, int, float]:
-    """Kind, zone, and the time in s from which on."""
+    """Return the kind, the zone, and the time in s at which the fault begins."""
     kind, found = text.partition(":")[0], re.fullmatch(r"[a-z-]+:(\d+)(?:@(\d+(?:\.\d+)?))?", text)
     if kind not in FAULTS:
         raise WiringError(

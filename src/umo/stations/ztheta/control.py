@@ -153,7 +153,7 @@ class Manipulator(
             raise GripError("the part came up with the cup: the vacuum does not switch off")
 
     async def _release(self) -> None:
-        """Vacuum off, and a puff. If the puff does not reach the cup, wait until its vacuum is gone."""
+        """Switch the vacuum off, and puff. If the puff does not reach the cup, wait until its vacuum is gone."""
         self.gripper.release()
         self.pressure_solenoid.write(OnOff.ON)
         await wait(self.puff_time)
@@ -167,7 +167,7 @@ class Manipulator(
             raise GripError("the cup keeps its vacuum: the part cannot be put down")
 
     async def _try_grip(self) -> bool:
-        """Down to the part and grip it; if nothing is held, up again, and time for the courier."""
+        """Lower the arm and grip the part. If no part is held, raise the arm, and give the courier time."""
         await self.z.move_to(self.pick_height + self.clearance)
         await self.z.move_to(self.pick_height, speed=self.touch_speed)
         if await self.gripper.grip():

@@ -147,7 +147,7 @@ class Physics:
             courier.watch(height, z_um=z_um, held=force > 0.0)
 
     def _drop(self, theta: float) -> None:
-        """The fault "dropped-part": the seal breaks once a lifted part has been turned by 20 deg."""
+        """Cause the fault "dropped-part": the seal breaks when a lifted part has been turned by 20 deg."""
         if not (self.gripper.sealed and self.courier.lifted):
             self._dropped_at = None
         elif self._dropped_at is None:
@@ -157,7 +157,7 @@ class Physics:
 
 
 def _build(rng: np.random.Generator, half: float, places: Sequence[float]) -> Any:
-    """plant.xml with the courier's pallet cut to length and the parts scattered on it."""
+    """Return plant.xml with the courier's pallet cut to length and the parts scattered on it."""
     spec = mj.MjSpec.from_string(files("umo.stations.ztheta").joinpath("plant.xml").read_text("utf-8"))
     spec.geom("pallet").size[0] = half
     box = spec.find_default("part")

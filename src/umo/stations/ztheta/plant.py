@@ -13,14 +13,14 @@
 | dio:gripper | input, 1 | pressure switch of the cup: 1 = FAIL, 0 = PASS (above 30 kPa) |
 | tick | input, 31 | the timer: lets one period of physics pass, returns 0 |
 
-Heights are those of the cup's tip, which is what z counts. The stops are at 54.5 and 129.5 mm and at 271 deg
-either way. The top of a part stands at 60.0 mm: the cup takes and leaves it at 59.8 mm, pressing by 0.2 mm
-(0.05 to 0.3 mm do; from 0.3 mm above it is already drawn up). z at rest with its valve closed and 0 V stays
-where it is while the pressure is between 680 and 820 counts; 752 carry the arm exactly.
+Heights are those of the cup's tip, which z counts. The stops are at 54.5 and 129.5 mm, and at 271 deg in both
+directions. The top of a part is at 60.0 mm. The cup takes and leaves the part at 59.8 mm, pressing it by 0.2 mm (0.05
+to 0.3 mm are enough; the vacuum draws a part up from 0.3 mm below the cup). With the valve closed and 0 V, z at rest
+does not move while the pressure is between 680 and 820 counts; 752 counts carry the arm exactly.
 
-Levels take effect at the next physics step of 1 ms. Each rising edge of dio:step makes a step, in the direction
-that stood before the transfer: a direction written together with UP is too late, that step goes the old way.
-The truth (`z_um`, `theta_deg`, `truth()`) is for tests and observers; no channel carries it.
+Levels take effect at the next physics step of 1 ms. Each rising edge of dio:step makes a step in the direction that
+was set before the transfer. A direction that is written together with UP is too late for this step.
+The actual positions (`z_um`, `theta_deg`, `truth()`) are for tests and observers; no channel carries them.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class Plant(Driver[PlantChannel], Reports, MovesInC):
         self._levels[index] = raw
 
     def _claim(self, index: int) -> None:
-        """The z motor listens to the drive that was initialized first, until that one is finalized."""
+        """Connect the z motor to the drive that was initialized first, until that drive is finalized."""
         if self._drive is None:
             self._drive = index
         elif self._drive != index:
@@ -210,7 +210,7 @@ class Plant(Driver[PlantChannel], Reports, MovesInC):
         self._refresh(self._physics)
 
     def _whole_steps(self) -> int:
-        """Physics steps in a period; without a timer (period 0) one."""
+        """Return the number of physics steps in a period; 1 without a timer (period 0)."""
         period = self.period or STEP
         steps = round(period / STEP)
         if steps < 1 or abs(steps * STEP - period) > 1e-9:

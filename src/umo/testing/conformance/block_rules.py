@@ -89,8 +89,8 @@ def block_read(context: RuleContext) -> str | None:
 
 
 def _read_in_turns(context: RuleContext, probe: Probe) -> None:
-    """Blocks of several orders and single channels in one go, while nothing changes: what a call gives does not depend
-    on the one before. A loop-back may show a level that it had before, until `settle` has passed."""
+    """Read blocks in several orders and single channels in succession, while nothing changes. The result of a call must
+    not depend on the previous call. Until `settle` has passed, a loop-back may show an earlier level."""
     for waited in (False, True):
         try:
             _compare_turns(context, probe)
@@ -114,14 +114,14 @@ def _compare_turns(context: RuleContext, probe: Probe) -> None:
 
 
 def _turns(texts: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Blocks, each with those of the same channels in another order right behind it."""
+    """Return blocks. Each block is followed by blocks of the same channels in other orders."""
     blocks = [each for each in orders(texts)[:MAX_TURNS] if len(each) > 1]
     blocks = Random(1998).sample(blocks, len(blocks))
     return [order for each in blocks for order in (each, each[1:] + each[:1], each[::-1], each)]
 
 
 def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
-    """Raise RuleBroken if a block reads otherwise. Nothing is known of channels that change meanwhile."""
+    """Raise RuleBroken if a block reads another value than `read`. Channels that change meanwhile are not judged."""
     for look in range(LOOKS):
         before = [probe.read(text) for text in texts]
         block = probe.read_many(texts)
@@ -133,7 +133,7 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
         if look == LOOKS - 1:
             i = wrong[0]
             of = f" in the block {', '.join(texts)}" if len(texts) > 1 else ""
-            why = f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}"
+            why = f"read_many gave {block[i]} for {texts[i]}{of}, but read gave {before[i]} before and after it"
             raise RuleBroken(why, f"reading of {texts[i]} in a block")
         sleep(LOOK_INTERVAL * 2**look)
 
@@ -160,7 +160,7 @@ def block_write(context: RuleContext) -> str | None:
 
 
 def _write_nothing(context: RuleContext, probe: Probe) -> None:
-    """An empty block, after a whole one and single writes."""
+    """Write an empty block, after a whole block and single writes."""
     outputs = context.required_outputs
     probe.write_many([output.channel for output in outputs], [output.other() for output in outputs])
     for output in outputs:
@@ -170,7 +170,7 @@ def _write_nothing(context: RuleContext, probe: Probe) -> None:
 
 
 def _write_in_turns(context: RuleContext, probe: Probe) -> None:
-    """Blocks of several orders and single outputs in one go; then each is at its own level."""
+    """Write blocks in several orders and single outputs in succession. Then each output must be at its own level."""
     outputs, random = context.required_outputs, Random(1998)
     for turn in context.as_time_allows(range(TURNS), FEWEST_TURNS, "turns of writes"):
         levels: dict[Output, int] = {}
@@ -202,7 +202,8 @@ def _check(context: RuleContext, probe: Probe, outputs: tuple[Output, ...], raws
 
 
 def _alone_too(context: RuleContext, probe: Probe, output: Output, raw: int) -> list[str]:
-    """The cause, if a write of this level alone brings another one, too."""
+    """Return the cause of the fault if a single write of this level also leads to the wrong level; otherwise
+    nothing."""
     there = context.last_level
     probe.write(output.channel, raw)
     return [WRITTEN] if not context.is_at(probe, output, raw) and context.last_level == there else []
@@ -224,7 +225,7 @@ def block_buffers(context: RuleContext) -> str | None:
 
 
 def _raws(context: RuleContext, probe: Probe) -> None:
-    """Write one array, a part of which is passed with other levels in every period, as the image does."""
+    """Write a part of one array repeatedly, each time with other levels, as the image does in every period."""
     outputs = context.required_outputs
     texts = [output.channel for output in outputs]
     whole = np.zeros(len(outputs) + 2, np.int64)
@@ -315,7 +316,7 @@ def _write_with(context: RuleContext, probe: Probe, bad: str) -> None:
 
 
 def _named(error: OSError | None, block: list[str], bad: str, what: str) -> list[str]:
-    """The channels for which the block failed."""
+    """Return the channels for which the block failed."""
     if error is None:
         raise RuleBroken(f"{what} succeeded with {bad}, which the device refuses")
     if not isinstance(error, ChannelsFailed):

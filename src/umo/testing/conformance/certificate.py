@@ -141,7 +141,7 @@ class Certificate:
             figures = f"median {time_text(time.median)}, p99 {time_text(time.p99)}, {time.count} calls"
             table.add_row(f"time of {kind}", "", figures)
         if self.left_out:
-            table.add_row("left out", "", "for want of time: " + "; ".join(self.left_out))
+            table.add_row("left out", "", "for lack of time: " + "; ".join(self.left_out))
         if self.unreached:
             table.add_row(
                 "end", Text("failed", STYLES[Judgement.FAILED]), f"not at the default: {some(self.unreached)}"

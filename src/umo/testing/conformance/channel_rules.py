@@ -48,14 +48,14 @@ def channels(context: RuleContext) -> None:
 
 
 def _check_places(context: RuleContext, probe: Probe) -> None:
-    """umo refuses two objects on one place."""
+    """Raise RuleBroken if two channels have the same place, because umo refuses two objects on one place."""
     for one, other in combinations(context.channels, 2):
         if both := {*probe.channel(one).places} & {*probe.channel(other).places}:
             raise RuleBroken(f"{one} and {other} have the same place {both.pop()!r}: umo would accept only one of them")
 
 
 def _check_open(context: RuleContext, closed: Probe, opened: Probe) -> None:
-    """A channel is asked for before `open`: what is known of it only later comes too late."""
+    """Check that a channel is the same before and after `open`. umo requests channels before `open`."""
     for text in context.channels:
         before = closed.channel(text)
         now = opened.call(f"channel({text!r})", opened.driver.channel, text)
@@ -65,7 +65,7 @@ def _check_open(context: RuleContext, closed: Probe, opened: Probe) -> None:
 
 
 def _check_spelling(context: RuleContext, probe: Probe) -> None:
-    """A number with a zero in front is the same number: umo tells by the places that both texts mean one channel."""
+    """Check that a number with a leading zero means the same channel. umo recognises this only by equal places."""
     for text in context.channels:
         longer = LAST_NUMBER.sub(r"0\1", text)
         if longer != text and longer not in context.channels and _takes(probe.driver, longer):
@@ -76,8 +76,8 @@ def _check_spelling(context: RuleContext, probe: Probe) -> None:
 
 
 def _check_unknown(context: RuleContext, driver: Driver[Any]) -> bool:
-    """A driver may take any text, and whether this one does. One that does not must not take a part of a text for the
-    whole."""
+    """Return True if the driver accepts any text, which is permitted. Any other driver must not accept a text of which
+    only a part names a channel."""
     longer = [each for text in context.channels[:1] for each in (text + UNKNOWN[-1], UNKNOWN[-1] + text)]
     taken = [text for text in (UNKNOWN, *longer) if _takes(driver, text)]
     if taken and UNKNOWN not in taken:

@@ -1,5 +1,5 @@
-"""Finds descriptors that are closed twice. At the second time their number may already belong to other code, such as
-another driver."""
+"""Finds descriptors that are closed twice. At the second time the number may already belong to a descriptor of other
+code, such as another driver."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class Placeholders:
 
     def __init__(self) -> None:
         self.closed_by = ""
-        """The first call that closed one; empty if none did."""
+        """The first call that closed a placeholder; empty if no call did."""
         self._held: set[int] = set()
         self._null = os.stat(os.devnull)
         self._before = set(_numbers())
         self._highest = -1
-        """The highest number that has been in use since."""
+        """The highest descriptor number that has been in use so far."""
 
     def look(self, call: str) -> None:
         """Look for closed placeholders. This is called after each call of the driver."""

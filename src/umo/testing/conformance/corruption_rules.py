@@ -59,7 +59,7 @@ def _writes(context: RuleContext, probe: Probe) -> list[DriverCall]:
 
 
 def _calls(context: RuleContext, probe: Probe) -> list[DriverCall]:
-    """Reads of two channels, and a write."""
+    """Return reads of two channels, and writes."""
     return [*(partial(probe.read, text) for text in context.readable[:MAX_CHANNELS]), *_writes(context, probe)]
 
 
@@ -84,7 +84,8 @@ def _comes_late(
 
 
 def _late_level(context: RuleContext, probe: Probe, behind: bool) -> bool:
-    """The late answer has the level that an output had before; it comes with the right one. Whether there was one."""
+    """Let a late answer with an earlier level of an output arrive together with the right answer. Return True if an
+    answer was late."""
     output = next(iter(context.viewed), None)
     if output is None:
         return False
@@ -110,7 +111,8 @@ def _late_level(context: RuleContext, probe: Probe, behind: bool) -> bool:
 
 
 def _alive(context: RuleContext, probe: Probe) -> None:
-    """A call that succeeds, so that the driver is connected; then the short timeout. After a failure it may fail."""
+    """Make a call that succeeds, so that the driver is connected; then set the short timeout. After a failure the call
+    may fail once."""
     probe.timeout = context.patience
     context.insist(context.transfers(probe)[0])
     probe.timeout = context.haste
@@ -156,7 +158,8 @@ def old_answer(context: RuleContext) -> str | None:
 
 
 def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | str:
-    """An answer to the call, which has a number in it, or why it is not known to have one."""
+    """Return an answer to the call that contains a number, or the reason, as text, why it is not known to contain
+    one."""
     probe.timeout = context.patience
     line = context.line
     line.exchanges.clear()
@@ -206,8 +209,8 @@ def short_answer(context: RuleContext) -> str | None:
 @rule(Cost(opens=3, each=6, calls=196, connects=47, waits=13, settles=28))
 def garbled_answer(context: RuleContext) -> str | None:
     """An answer with a garbled structure (its start, all of it, random bytes) leads to an error. A changed digit or
-    register in a valid answer cannot be noticed without a checksum. It is tested only if answers have one, then also in
-    an answer that reports the failure of a channel."""
+    register in a valid answer cannot be noticed without a checksum. Such a change is tested only if answers have a
+    checksum; then it is also tested in an answer that reports the failure of a channel."""
     random = Random(1998)
 
     def noise(count: int) -> bytes:
@@ -237,7 +240,8 @@ def garbled_answer(context: RuleContext) -> str | None:
 
 
 def _garbled_refusals(context: RuleContext, ways: list[Spoilt]) -> None:
-    """An answer that says that a channel failed is checked as any other: it must not tell a wrong value of another."""
+    """Check that garbled answers that report the failure of one channel do not lead to a wrong value of another
+    channel."""
     with context.opened() as probe:
         refused = [text for text in context.subject.refused if Direction.INPUT in probe.channel(text).direction]
         for bad, text in zip(refused, context.known[:1], strict=False):

@@ -58,13 +58,14 @@ def reset_after_failure(context: RuleContext) -> str | None:
 
 
 def _by_both_forms(outputs: Sequence[Output]) -> list[tuple[Output, bool]]:
-    """An output that is written alone, and another one, if there are two, that is written as a block."""
+    """Return an output to be written alone (False), and an output to be written as a block (True). They differ if there
+    are two outputs."""
     return [(outputs[0], False), (outputs[-1], True)] if outputs else []
 
 
 def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, many: bool) -> None:
-    """A write that the device carried out, and whose answer got lost: the default that was written before it is no
-    longer there."""
+    """Lose the answer to a write that the device has carried out. The driver must then really send the default again,
+    because the output is no longer there."""
     for reset in (True, False):
         probe.timeout = context.patience
         probe.write_by(many, output.channel, output.default)
@@ -123,9 +124,9 @@ def vanish(context: RuleContext) -> str | None:
 
 
 def _reads(context: RuleContext, probe: Probe, before: Mapping[str, int]) -> None:
-    """Readings, now that the device is back: where only its line was cut the first of each channel is as right as the
-    next; and they move no output, as a write that failed is not made up for.
-    What the device itself did to its outputs meanwhile is not judged."""
+    """Read the channels when the device is back. If only its line was cut, the first reading of each channel must be as
+    right as the next one. The readings move no output, because a failed write must not be repeated later. What the
+    device itself did to its outputs meanwhile is not judged."""
     recorded = context.visible if context.subject.levels is not None else ()
     levels = {output: context.level(probe, output) for output in recorded}
     try:
@@ -146,7 +147,7 @@ def _reads(context: RuleContext, probe: Probe, before: Mapping[str, int]) -> Non
 
 
 def _writes_what_failed(context: RuleContext, probe: Probe) -> None:
-    """The block that failed while the device was away, once more."""
+    """Write the block again that failed while the device was away."""
     outputs = context.subject.outputs
     if not outputs:
         return
@@ -156,7 +157,8 @@ def _writes_what_failed(context: RuleContext, probe: Probe) -> None:
 
 
 def _writes_again(context: RuleContext, probe: Probe) -> None:
-    """The driver writes what it has written before the device was away; another client has moved the output since."""
+    """Write a level that the driver had already written before the device was away. Another client has moved the output
+    since then."""
     if context.subject.sole_writer or not context.visible:
         return
     first = context.visible[0]
@@ -177,7 +179,7 @@ def _writes_again(context: RuleContext, probe: Probe) -> None:
 
 
 def _not_opened(context: RuleContext) -> Probe:
-    """Another driver cannot be opened, or not be used, and can be closed."""
+    """Check that another driver cannot be opened or cannot be used, and that it can be closed. Return this driver."""
     probe = context.new()
     probe.timeout = context.haste
     error = in_time(context, probe, probe.open)
@@ -188,7 +190,8 @@ def _not_opened(context: RuleContext) -> Probe:
 
 
 def _opens_after_all(context: RuleContext, probe: Probe) -> None:
-    """A driver that could not be opened, now that the device is back; refused where the device takes one client."""
+    """Check that a driver which could not be opened can be opened when the device is back, unless the device accepts
+    only one client."""
     probe.timeout = context.patience
     with context.second() as room:
         pass
@@ -204,7 +207,7 @@ def _opens_after_all(context: RuleContext, probe: Probe) -> None:
 
 
 def _right(context: RuleContext, probe: Probe, after: str) -> None:
-    """The outputs obey, as far as they can be seen."""
+    """Check that the outputs go to the written levels, as far as they can be observed."""
     for number, output in enumerate(context.visible):
         probe.write(output.channel, output.other(number))
         context.expect(probe, output, output.other(number), f"write({output.other(number)}) since {after}")
@@ -270,7 +273,8 @@ def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
 
 
 def _brought_alone(context: RuleContext, outputs: Sequence[Output]) -> None:
-    """Raise RuleBroken if a new driver brings them to other levels, too: it is no matter of two clients then."""
+    """Raise RuleBroken if a new driver alone also brings the outputs to wrong levels, because then the cause is not the
+    second client."""
     with suppress(OSError), context.opened() as alone:
         for output in outputs:
             alone.write(output.channel, output.other(1))
@@ -278,9 +282,9 @@ def _brought_alone(context: RuleContext, outputs: Sequence[Output]) -> None:
 
 
 def _read_back(context: RuleContext, first: Probe, second: Probe) -> None:
-    """The first client reads an output itself, which the second has written. Only where it is seen elsewhere (by the
-    counterpart's record, or through a loop-back) that the level has come: of a simulation each driver may have its own.
-    """
+    """Let the first client read back an output that the second client has written. This is judged only if the level is
+    also observed by the counterpart's record or through a loop-back, because each driver may have a separate
+    simulation."""
     for output in context.visible:
         text, raw = output.channel, output.other()
         if text not in context.readable or (context.subject.levels is None and context.view(output) == text):
@@ -301,7 +305,8 @@ def _read_back(context: RuleContext, first: Probe, second: Probe) -> None:
 
 
 def _to_defaults(context: RuleContext, first: Probe, second: Probe) -> None:
-    """The default is what the first client has written last, and another client has written since."""
+    """Check that reset and initialise reach the default, although it is the last level that the first client has
+    written. The second client has moved the output since then."""
     for output in context.visible:
         for call in (first.reset, first.initialize):
             first.write(output.channel, output.default)
@@ -353,7 +358,7 @@ def _is_fresh(context: RuleContext, probe: Probe, second: Probe | None, output: 
     ends = output.least, output.greatest
     for levels, still, pause, when in (
         (ends, 1, 0.0, "after a step over the whole range"),
-        (None, 1, PAUSE, f"{duration(PAUSE)} after the reading before, though the level had come later still"),
+        (None, 1, PAUSE, f"{duration(PAUSE)} after the previous reading, although the new level had arrived"),
         (None, STILL, 0.0, f"once it had been the same {STILL} times"),
     ):
         if not context.budget.more:
@@ -369,8 +374,8 @@ def _is_old(
     context: RuleContext, probe: Probe, other: Probe | None, output: Output, reading: Callable[[], int], number: int,
     still: int = 1, levels: tuple[int, int] | None = None, pause: float = 0.0,
 ) -> bool:  # fmt: skip
-    """Return True if an earlier level is read `still` times although another one has certainly come since, after a
-    pause. `levels`: these two in turn; default: the default and another one."""
+    """Return True if an earlier level is read `still` times, after a pause, although another level has certainly
+    arrived since. `levels`: the two levels in turn; by default the output's default and another level."""
     levels = levels or (output.default, output.other(number))
     before, raw = levels[::-1] if number % 2 else levels
     mover = probe if other is None else other
@@ -420,7 +425,7 @@ def errors_are_named(context: RuleContext) -> None:
 
 @contextmanager
 def _wired(connection: connect[Machine]) -> Iterator[Machine]:
-    """The connected machine. Raises RuleBroken if umo does not wire the channels."""
+    """Return a context with the connected machine. Raises RuleBroken if umo does not wire the channels."""
     with ExitStack() as stack:
         try:
             machine = stack.enter_context(connection)
@@ -446,7 +451,8 @@ class Machine(Compound):
 
 
 def _machine_of(context: RuleContext) -> tuple[Machine, dict[str, Any]]:
-    """A machine with an object of each channel and its wiring, without outputs of one level or of very wide ranges."""
+    """Return a machine with an object for each channel, and its wiring. Outputs with only one level or with a very wide
+    range are left out."""
     outputs = [
         each
         for each in context.subject.outputs

@@ -24,7 +24,7 @@ class DriverFactory:
         self.dirty = False
         """True if an output may be left at another level than its default: `restore` has something to do."""
         self._is_full = False
-        """The device has turned away a second driver."""
+        """True if the device has refused a second driver."""
 
     def new(self, direct: bool = False) -> Probe:
         """Return a new driver that is not opened, and whose channels are known. `direct`: without the line, if the
@@ -108,7 +108,7 @@ class DriverFactory:
             raise
 
     def restore(self, always: bool = False) -> None:
-        """Bring every output that may not be at its default there, with a new driver."""
+        """Bring every output to its default that may be at another level, with a new driver."""
         if not (self.dirty or always) or not self.subject.outputs:
             return
         self.dirty = False

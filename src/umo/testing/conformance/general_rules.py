@@ -66,7 +66,8 @@ def end(context: RuleContext) -> str | None:
 
 
 def _check_closed(context: RuleContext, closed: Probe, line: Tap) -> None:
-    """A device may let go of its outputs by itself when a connection ends: it does so without a `close` too."""
+    """Check that `close` changes no output. A device may release its outputs by itself when a connection ends; then it
+    does so without `close`, too."""
     outputs = context.visible
     for output in outputs:
         if not context.is_at(closed, output, output.default):

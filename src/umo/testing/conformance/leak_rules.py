@@ -91,7 +91,8 @@ def descriptors(context: RuleContext) -> str:
 
 
 def _check_while_open(context: RuleContext) -> None:
-    """A driver is open for as long as the machine runs: what each lost connection leaves until `close` is too much."""
+    """Check that lost connections leave no descriptors or threads while the driver is open, because a driver is open as
+    long as the machine runs."""
     line = context.subject.line
     if line is None:
         return
@@ -109,7 +110,8 @@ def _check_while_open(context: RuleContext) -> None:
 
 
 def _lose(context: RuleContext, probe: Probe, line: Tap) -> None:
-    """A connection is lost, an answer is garbled, another one gets lost; then a look is under way as a call comes."""
+    """Lose a connection, garble an answer, lose another answer, and begin a look that is still in progress when the
+    next call is made."""
     call = context.transfers(probe)[0]
     line.drop()
     for change in (_all_wrong, lambda answer: b""):
@@ -121,7 +123,8 @@ def _lose(context: RuleContext, probe: Probe, line: Tap) -> None:
 
 
 def _check_inherited(context: RuleContext) -> None:
-    """A device stays held as long as any process has its descriptor."""
+    """Check that child processes inherit no descriptor, because a device stays in use as long as any process has its
+    descriptor."""
     before = _inherited()
     with context.opened() as probe:
         context.use(probe)
@@ -132,7 +135,7 @@ def _check_inherited(context: RuleContext) -> None:
 
 
 def _inherited() -> set[int]:
-    """Open descriptors that a child process gets."""
+    """Return the open descriptors that a child process inherits."""
     found = set()
     with suppress(OSError):
         for descriptor in map(int, os.listdir(DESCRIPTORS)):
@@ -143,7 +146,8 @@ def _inherited() -> set[int]:
 
 
 def _open_often(context: RuleContext, least: int, most: int, silent: int) -> list[Probe]:
-    """Opened, used and closed; the last `silent` ones on a line where nobody answers."""
+    """Open, use and close drivers; the last `silent` times also on a line on which no device answers. Return the
+    drivers."""
     closed: list[Probe] = []
     longest = 0.0
     while len(closed) < least or (len(closed) < most and context.budget.has(longest)):
@@ -167,8 +171,8 @@ def _open_in_silence(context: RuleContext) -> Probe:
 
 
 def _close_in_silence(context: RuleContext) -> Probe:
-    """Left while nobody answers, and while it looks for its device: what was opened is closed, whatever `close` says of
-    that."""
+    """Close a driver while no device answers and a look is in progress. Everything must be closed, even if `close`
+    raises an error."""
     probe, line = context.new(), context.subject.line
     context.bring_up(probe)
     probe.timeout = context.haste
@@ -182,7 +186,7 @@ def _close_in_silence(context: RuleContext) -> Probe:
 
 
 def _close_unnoticed(context: RuleContext) -> Probe:
-    """Left while nobody answers, before any call has found that out."""
+    """Close a driver while no device answers, before a call has noticed this."""
     probe, line = context.new(), context.subject.line
     context.bring_up(probe)
     context.failure(context.insist, context.transfers(probe)[0])
@@ -198,7 +202,7 @@ IN_SILENCE = (_open_in_silence, _close_in_silence, _close_unnoticed)
 
 
 def _look_often(context: RuleContext, probe: Probe) -> None:
-    """Until the device is found, or is not, or longer than that may take."""
+    """Look until the result is known, or until the permitted time is over."""
     end = monotonic() + 2 * context.haste
     while context.look(probe) is None and monotonic() < end:
         sleep(LOOK_INTERVAL)
@@ -225,7 +229,7 @@ def _open_and_cut(context: RuleContext) -> Probe:
 
 
 def _garble(context: RuleContext, probe: Probe) -> None:
-    """Answers in which every byte is wrong, or the last one, and that to an earlier request."""
+    """Spoil answers: with every byte wrong, with the last byte wrong, and with the answer to an earlier request."""
     for call in context.transfers(probe)[:4:2]:
         earlier = context.traffic(context.insist, call).answer
         for spoil in (
@@ -246,8 +250,8 @@ def _all_wrong(answer: bytes) -> bytes:
 def _counts(
     context: RuleContext, goal: dict[str, int] | None = None, known: frozenset[threading.Thread] | None = None
 ) -> dict[str, int]:
-    """Descriptors without those of the line, and threads beside those that are known; none are new by default. What is
-    closing is waited for, as far as the goal."""
+    """Return the number of descriptors, without those of the line, and of threads that are not `known`. Without `known`
+    there are no new threads. Wait until the counts are at most those of `goal`, because closing may take time."""
     end = monotonic() + MAX_CLOSING_TIME
     while True:
         gc.collect()  # each time: a call that still runs may leave a cycle behind when it ends
@@ -279,7 +283,7 @@ def long_run(context: RuleContext) -> str:
 
 
 def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
-    """Raise RuleBroken if a new driver is quicker: else it is the computer or the device that has become slow."""
+    """Raise RuleBroken if a new driver is quicker. Otherwise the computer or the device has become slow."""
     with context.opened(direct=True) as probe:
         new = LongRun(context, probe)
         new.go(WARMING_CYCLES)
@@ -312,7 +316,7 @@ def memory(context: RuleContext) -> str:
 
 
 def _over_lost_connections(context: RuleContext, line: Tap) -> str:
-    """The measurement (`_grows`) of calls that connect again."""
+    """Measure (`_grows`) calls that connect again. Return the result as text."""
     with context.opened() as probe:
         call = context.transfers(probe)[0]
 
@@ -325,7 +329,7 @@ def _over_lost_connections(context: RuleContext, line: Tap) -> str:
 
 
 def _without_a_device(context: RuleContext, line: Tap) -> str:
-    """The measurement (`_grows`) of calls that fail as the device is away."""
+    """Measure (`_grows`) calls that fail because the device is away. Return the result as text."""
     with context.opened() as probe, line.gone():
         probe.timeout = context.haste
         calls = [call for call in context.transfers(probe) if fails_at_once(context, call)]
@@ -339,7 +343,7 @@ def _without_a_device(context: RuleContext, line: Tap) -> str:
 
 
 def _grows(context: RuleContext, repeat: Callable[[], object], what: str, each: LeakLimit = LeakLimit()) -> str:
-    """Raise RuleBroken if memory is left over; else what was measured."""
+    """Raise RuleBroken if memory is left over; otherwise return the result of the measurement as text."""
     most = CYCLES if context.cycles is None else max(10, min(CYCLES, context.cycles // ROUNDS))
     began, took, count = context.budget.clock(), 0.0, 0
     while count < min(each.fewest, most) or (count < most and took < MAX_WARMING and context.budget.has(ROUNDS * took)):
@@ -380,7 +384,7 @@ def _grows(context: RuleContext, repeat: Callable[[], object], what: str, each: 
 
 @contextmanager
 def _traced() -> Iterator[None]:
-    """Memory is counted within the block, and no garbage is collected by itself."""
+    """Return a context in which memory is counted, and no garbage is collected automatically."""
     own, on = not tracemalloc.is_tracing(), gc.isenabled()
     if own:
         tracemalloc.start()

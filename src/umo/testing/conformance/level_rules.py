@@ -108,7 +108,7 @@ def _away(context: RuleContext, witness: Witness, number: int) -> None:
 
 
 def _looked(context: RuleContext, witness: Witness, number: int) -> None:
-    """Looks while the device is silent, and when it answers again."""
+    """Look for the device while it is silent, and when it answers again."""
     with context.line.silent():
         context.failure(_in_haste(context, witness, number))
         _look_often(context, witness)
@@ -188,7 +188,8 @@ class Witness:
         self.seen = self.seen or text
 
     def _levels(self) -> dict[Output, list[int]]:
-        """The levels that the outputs had since the last look at them, as far as others see them."""
+        """Return the levels that the outputs had since the last look, as far as they are observed independently of the
+        driver."""
         context, other = self.context, self._apart
         if context.subject.levels is not None:
             return {each: list(context.recorded(each)) for each in context.subject.outputs}

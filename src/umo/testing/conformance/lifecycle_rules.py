@@ -46,7 +46,7 @@ def initialise(context: RuleContext) -> str | None:
 
 
 def _in_any_order(context: RuleContext) -> None:
-    """Channels mean the same, in whatever order they are initialised."""
+    """Check that channels mean the same, regardless of the order in which they are initialised."""
     found: list[dict[str, int]] = []
     for order in (context.channels, context.channels[::-1]):
         with context.leaving(context.new()) as probe:
@@ -63,7 +63,7 @@ def _in_any_order(context: RuleContext) -> None:
 
 
 def _again_after_a_failure(context: RuleContext) -> None:
-    """The answer to initialise gets lost; then it is made again."""
+    """Lose the answer to an initialise, and then make the call again."""
     output = context.required_outputs[0]
     with context.opened() as probe:
         probe.timeout = context.haste
@@ -74,7 +74,8 @@ def _again_after_a_failure(context: RuleContext) -> None:
 
 
 def _left_levels(context: RuleContext) -> Iterator[tuple[Output, int]]:
-    """Each output, with the level at which a process that died has left it; the other outputs are at other levels."""
+    """Yield each output with the level at which a process that died has left it. The other outputs are not at their
+    defaults."""
     for output in context.as_time_allows(context.required_outputs, FEWEST_OUTPUTS, "outputs"):
         for left in dict.fromkeys((output.default, output.other())):
             _leave_at(context, output, left)
@@ -82,7 +83,7 @@ def _left_levels(context: RuleContext) -> Iterator[tuple[Output, int]]:
 
 
 def _leave_at(context: RuleContext, output: Output, raw: int) -> None:
-    """Leave the output as a process that died leaves it; the other outputs are at other levels."""
+    """Leave the output at this level, like a process that dies. The other outputs are not at their defaults."""
     context.dirty = True
     probe = context.new()
     try:
@@ -95,8 +96,9 @@ def _leave_at(context: RuleContext, output: Output, raw: int) -> None:
 
 
 def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, others: Sequence[Output]) -> None:
-    """The others come up at their own defaults. Those that the driver has initialised before stay where they are. (A
-    device may let go of others by itself, or share a register with them that cannot be read.)"""
+    """Check that the other outputs are initialised to their own defaults, and that an initialise does not move them
+    afterwards. (Outputs that this driver has not initialised are not judged: the device may release them by itself, or
+    have them in a shared register that cannot be read.)"""
     for each in others:
         probe.initialize(each.channel, each.default)
         context.expect(probe, each, each.default, f"initialize({each.default})")
@@ -134,7 +136,7 @@ def reset(context: RuleContext) -> str | None:
 
 
 def _check_others(context: RuleContext, probe: Probe) -> None:
-    """Outputs keep their levels while one after the other is reset."""
+    """Check that outputs keep their levels while others are reset, one after the other."""
     for order in (context.required_outputs, context.required_outputs[::-1]):
         for output in order:
             probe.write(output.channel, output.other())
@@ -189,7 +191,7 @@ def glitch(context: RuleContext) -> str | None:
 
 
 def _short_pulses(context: RuleContext) -> list[str]:
-    """The outputs of which they cannot be seen: neither in a record of levels, nor in the requests."""
+    """Return the outputs whose short pulses cannot be seen, neither in a record of levels nor in the requests."""
     if context.subject.levels is not None:
         return []
     if context.subject.line is None:
@@ -202,8 +204,8 @@ def _short_pulses(context: RuleContext) -> list[str]:
 def _direct(
     context: RuleContext, probe: Probe, output: Output, levels: Sequence[int], left: int, doing: str
 ) -> set[str]:
-    """The output, if it was watched. Between what it was at before (the first level) and what it came to, it may be at
-    its default."""
+    """Return the output's channel if it was watched. Raises RuleBroken for a level in between, other than the first
+    level, `left` and the default."""
     for level in levels[1:-1]:
         if level != levels[0] and not any(context.same(output, raw, level) for raw in (left, output.default)):
             if _is_gradual(context, probe, output, levels, left):
@@ -216,8 +218,8 @@ def _direct(
 
 
 def _is_gradual(context: RuleContext, probe: Probe, output: Output, levels: Sequence[int], left: int) -> bool:
-    """Return True if it is the loop-back that changes gradually from one level to another: it does so with a plain
-    write too. A driver that writes in two parts always shows the same level in between, and a record shows the output
+    """Return True if the loop-back changes gradually from one level to another, as it then also does after a plain
+    write. A driver that writes in two parts always shows the same level in between. A record shows the output
     itself."""
     if context.subject.levels is not None or list(levels) not in (sorted(levels), sorted(levels, reverse=True)):
         return False
@@ -254,7 +256,8 @@ def finalise(context: RuleContext) -> str | None:
 
 
 def _check_left(context: RuleContext, probe: Probe, gone: str, before: Mapping[str, int]) -> None:
-    """The outputs that were not finalised are where they were, and inputs read what they read before."""
+    """Check that the outputs that were not finalised keep their levels, and that inputs return the same readings as
+    before."""
     for text in before.keys() & set(probe.opened):
         if (now := probe.read(text)) != before[text]:
             raise RuleBroken(f"{text} read {before[text]}, and {now} after {gone} was finalised", f"reading of {text}")
@@ -321,7 +324,8 @@ def _lose_connections(context: RuleContext, probe: Probe, line: Tap) -> None:
 
 
 def _open_watched(context: RuleContext, probe: Probe, driven: Sequence[Output]) -> None:
-    """Opened and closed again, it moves no output. The device itself may let go of one that was driven."""
+    """Open and close the driver again, and check that no output moves. The device itself may release an output that was
+    driven."""
     for output in context.visible[:FEWEST_OUTPUTS]:
         left = output.other() if output in driven else output.default
         with context.observing(output, left, until=left) as levels:
@@ -334,7 +338,7 @@ def _open_watched(context: RuleContext, probe: Probe, driven: Sequence[Output]) 
 
 
 def _open_in_turns(context: RuleContext) -> None:
-    """Another driver of the same device after each other."""
+    """Open, use and close several drivers of the same device, one after the other."""
     for _ in range(3):
         with context.opened() as probe:
             for text in context.channels:

@@ -61,7 +61,8 @@ def retry(context: RuleContext) -> str | None:
 
 
 def _with_a_wrong_byte(answer: bytes) -> bytes:
-    """A digit stays a digit, and a letter a letter."""
+    """Return the answer with one bit of the middle byte changed, so that a digit remains a digit, and a letter usually
+    a letter."""
     half = len(answer) // 2
     return answer[:half] + bytes([answer[half] ^ 1]) + answer[half + 1 :]
 
@@ -81,7 +82,8 @@ def _opening(context: RuleContext) -> list[bytes]:
 
 
 def _counted(context: RuleContext, probe: Probe, number: int, fault: Callable[[], Any] | None = None) -> Traffic:
-    """Traffic of one kind of call, with a fault or without. The outputs are at other levels before it."""
+    """Return the traffic of one kind of call, with or without a fault. Before the call the outputs are not at their
+    defaults."""
     probe.timeout = context.patience
     if context.subject.outputs:
         texts = [each.channel for each in context.subject.outputs]
@@ -108,7 +110,8 @@ def _check_once(context: RuleContext, traffic: Traffic, usual: list[Traffic], op
 def _check_count(
     context: RuleContext, traffic: Traffic, alike: Sequence[bytes], most: int, opening: list[bytes], what: str
 ) -> None:
-    """A greeting that looks the same may come once more, as the driver connects again."""
+    """Raise RuleBroken if there are more equal requests than `most`, plus those in a greeting, which may look the same
+    and is sent when the driver connects again."""
     sent = _count(traffic.requests, alike)
     if sent > most + _count(opening, alike):
         raise RuleBroken(f"{context.watch.doing} sent its request {sent} times when it {what}")
@@ -126,7 +129,7 @@ def _count(requests: Sequence[bytes], alike: Sequence[bytes]) -> int:
 
 
 def _check_refused(context: RuleContext, probe: Probe, opening: list[bytes]) -> None:
-    """A request that the device answers with an error is sent as often as one that it carries out."""
+    """Check that a request which the device answers with an error is sent as often as a request that it carries out."""
     probe.timeout = context.patience
     for text in context.subject.refused:
         for number, call in enumerate(context.refused_calls(probe, text)[::2]):
@@ -146,8 +149,8 @@ def _asked_in_vain(context: RuleContext, call: DriverCall) -> Traffic:
 
 
 def _check_doubled(context: RuleContext, probe: Probe, output: Output) -> None:
-    """Raise RuleBroken if a write that succeeds sends two requests with the same level, which differ in nothing but
-    what differs between equal writes too, as a number does."""
+    """Raise RuleBroken if a successful write sends two requests with the same level. The two requests differ only in
+    bytes that also differ between equal writes, such as a number."""
     levels = dict.fromkeys((*(output.other(number) for number in range(3)), output.default))
     sent: dict[int, list[list[bytes]]] = {raw: [] for raw in levels}
     for raw in [*levels] * EQUAL_WRITES:
@@ -165,14 +168,14 @@ def _check_doubled(context: RuleContext, probe: Probe, output: Output) -> None:
 
 
 def _constant(writes: list[list[bytes]], number: int) -> dict[int, int]:
-    """The bytes of the request of this number that are the same in equal writes, by their places; none if its length
-    is not."""
+    """Return, by their places, the bytes of the request with this number that are the same in equal writes; none if the
+    lengths differ."""
     requests = [each[number] for each in writes if len(each) > number]
     return constant(requests) if len(requests) == len(writes) else {}
 
 
 def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | None:
-    """Traffic of a single transfer that succeeds."""
+    """Return the traffic of a single transfer that succeeds."""
     if writes:
         output = context.subject.outputs[0]
         probe.write(output.channel, output.other())
@@ -213,7 +216,7 @@ def error_answer(context: RuleContext) -> str | None:
 
 
 def _goes_on(context: RuleContext, probe: Probe) -> None:
-    """The answer has come, so nothing is left behind by it: the next call succeeds."""
+    """Check that the next call succeeds, because after an error answer nothing is pending."""
     refused = context.watch.doing
     call = partial(probe.read, context.readable[0]) if context.readable else context.transfers(probe)[0]
     if (error := context.failure(call)) is not None:
@@ -222,7 +225,8 @@ def _goes_on(context: RuleContext, probe: Probe) -> None:
 
 
 def _refusal(context: RuleContext, call: DriverCall) -> tuple[str, OSError | None]:
-    """The error of a call that the device refuses; whether it was answered: "seen", "perhaps" without a line, or ""."""
+    """Return whether a call that the device refuses was answered ("seen", "" if not, "perhaps" if this is unknown), and
+    the error of the call."""
     if context.subject.line is None:
         return "perhaps", context.failure(call)
     with context.subject.line.counting(answers=True) as traffic:

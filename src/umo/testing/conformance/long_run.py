@@ -55,7 +55,7 @@ class LongRun:
         """Outputs that can be read, by their number."""
         self._place = {text: i for i, text in enumerate(context.readable)}
         self._lags: set[str] = set()
-        """Channels whose level takes its time, or that do not read it exactly."""
+        """Channels that show the written level late or not exactly."""
         self._steady = {text: probe.read(text) for text in context.steady if text in context.readable}
         self._told = context.told(probe)
         self._before: dict[str, int] = {}
@@ -181,9 +181,10 @@ class LongRun:
             self._before[view] = raw
 
     def _explain(self, view: str, output: Output, raw: int, now: int, number: int) -> None:
-        """A loop-back may take its time: it is on its way then, and gets there. One that takes longer than a cycle, as
-        the first ones show, may be on its way to any of the levels before. It is not a question of time if the level
-        arrived long ago, and the next block still gives the one before."""
+        """Judge a wrong reading of a loop-back. A loop-back may be slow: then it reads a level on the way, and reaches
+        the right level later. If the first cycles show that it is slower than a cycle, it may be on the way to any
+        earlier level. It is a fault if the level has arrived long ago, and the next block still returns the previous
+        one."""
         low, high = sorted((raw, self._before.get(view, output.default)))
         there = self.context.is_read(self.probe, output, raw)
         on_its_way = low <= now <= high or view in self._lags or self.context.subject.agree is not None
@@ -197,7 +198,7 @@ class LongRun:
         self._lags.add(view)
 
     def _check_is_time(self, view: str, output: Output) -> None:
-        """Raise RuleBroken if a block reads the level that was there before, though the present one has come."""
+        """Raise RuleBroken if a block reads the previous level although the present level has arrived."""
         place, levels = self._place[view], (output.default, output.other(), output.default)
         for before, raw in pairwise(levels):
             self._write_all(output, before)
@@ -207,7 +208,7 @@ class LongRun:
             self.context.arrive(None, output, raw)
             if self.context.same(output, raw, found := self.probe.read_many(self.context.readable)[place]):
                 return
-        text = f"a block read {found} of {view}; {output.channel} was brought to {raw} before, and the level has come"
+        text = f"a block read {found} for {view}, although {output.channel} was at {raw} and this level had arrived"
         raise RuleBroken(text, f"earlier reading of {view}")
 
     def _write_all(self, output: Output, raw: int) -> None:
@@ -221,7 +222,7 @@ class LongRun:
     # Calls that fail ------------------------------------------------------------------------------------
 
     def _failing(self) -> list[DriverCall]:
-        """Calls that the device or the driver refuses at once."""
+        """Return calls that the device or the driver refuses immediately."""
         context, probe = self.context, self.probe
         calls: list[DriverCall] = []
         for text in context.subject.refused:
@@ -243,7 +244,7 @@ def fails_at_once(context: RuleContext, call: DriverCall) -> bool:
 
 
 def _resident() -> int:
-    """Bytes of memory that the process has, or 0 if unknown."""
+    """Return the number of bytes of memory that the process uses, or 0 if it is unknown."""
     try:
         with open(STATM, encoding="ascii") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")

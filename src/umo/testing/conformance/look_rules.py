@@ -54,13 +54,14 @@ def look(context: RuleContext) -> str | None:
 
 
 def _fails(context: RuleContext, probe: Probe) -> bool:
-    """True if a transfer fails, as it does before umo looks for the device."""
+    """Make a transfer, and return True if it fails. umo looks for a device only after a failed transfer."""
     probe.timeout = context.haste
     return context.failure(context.transfers(probe)[0]) is not None
 
 
 def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
-    """The quickest of some attempts counts, each after a transfer that has failed."""
+    """Check the duration of looks for a device that does not answer. The quickest of several attempts counts; a failed
+    transfer precedes each attempt."""
     slowest = []
     for _ in range(TRIES):
         probe.timeout = LOOK_TIMEOUT
@@ -79,7 +80,7 @@ def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
 
 
 def _look_in_vain(context: RuleContext, probe: Probe) -> bool | None:
-    """A look for a device that does not answer, which must not find it."""
+    """Look for a device that does not answer, and return the result, which must not be True."""
     found = context.look(probe)
     if found is True and answers_for_device(probe.driver) and context.readable:
         raise RuleBroken("look says that the device answers, and it does not")
@@ -87,7 +88,8 @@ def _look_in_vain(context: RuleContext, probe: Probe) -> bool | None:
 
 
 def _decides(context: RuleContext, probe: Probe) -> bool:
-    """Looks for a device that stays away come to an end; whether one has said that it is not known yet."""
+    """Check that looks for a device that stays away finally report this. Return True if a look has returned None, which
+    means "not known yet"."""
     probe.timeout = context.haste
     end, goes_on = monotonic() + context.patience, False
     while _look_in_vain(context, probe) is None:
@@ -109,7 +111,8 @@ def _is_found(context: RuleContext, probe: Probe, timeout: float, how: str = "an
 
 
 def _finds_a_slow_one(context: RuleContext, probe: Probe) -> None:
-    """A look that says "not known yet" goes on for the timeout: an answer that takes some of it is found."""
+    """Check that a look which returns "not known yet" continues up to the timeout, and finds a device that answers
+    within this time."""
 
     def slow(answer: bytes) -> bytes:
         sleep(SLOW_ANSWER)

@@ -95,7 +95,7 @@ def _same_at_each_level(context: RuleContext, probe: Probe, given: Mapping[str, 
 
 
 def _scale(probe: Probe, text: str) -> PhysicalScale | None:
-    """Raise RuleBroken for what is no scale."""
+    """Return the scale of a channel. Raises RuleBroken if it is not a valid scale."""
     try:
         scale = probe.call(f"physical_scale of {text}", scale_of, probe.driver, probe.channel(text))
     except OSError as error:
@@ -187,8 +187,8 @@ def _grow_in_silence(context: RuleContext, probe: Probe, texts: tuple[str, ...])
 
 
 def _clock_is_set(probe: Probe, texts: tuple[str, ...]) -> None:
-    """The clock of the day is set back, and forward, between a reading and the question how old it is, as seen by
-    `time.time`. An age that is kept above 0 shows it only when the clock is set forward."""
+    """Set the wall clock (`time.time`) back, and forward, between a reading and the request for its age. A driver that
+    does not return ages below 0 shows the fault only when the clock is set forward."""
     for seconds, where in ((CLOCK_STEP, "back"), (-CLOCK_STEP, "forward")):
         probe.read_many(texts)
         right = _ages(probe, texts) or []
@@ -204,7 +204,7 @@ def _clock_is_set(probe: Probe, texts: tuple[str, ...]) -> None:
 
 
 def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
-    """Raise RuleBroken for what are no ages."""
+    """Return the ages of the last reading. Raises RuleBroken if they are not valid."""
     given = probe.call("ages", ages_of, probe.driver, tuple(map(probe.channel, texts)))
     if given is None:
         return None
@@ -218,8 +218,8 @@ def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
 
 
 def _age_blocks(view: str, texts: tuple[str, ...]) -> list[tuple[tuple[str, ...], tuple[float, ...]]]:
-    """Return all channels, and pairs with this one, each with the times in s after which it is read: each has its own
-    age."""
+    """Return the blocks to read: all channels, and pairs with this channel. Each block has the times in s after which
+    it is read."""
     pairs = [(view, text) for text in texts if text != view]
     return [(texts, AGE_WAITS), *((pair, PAIR_WAITS) for pair in pairs[:MAX_AGE_PAIRS])]
 
@@ -227,7 +227,8 @@ def _age_blocks(view: str, texts: tuple[str, ...]) -> list[tuple[tuple[str, ...]
 def _moves(
     context: RuleContext, probe: Probe, output: Output, texts: tuple[str, ...], turn: tuple[int, float], speaks: bool
 ) -> None:
-    """A level changes between two times, and is read in a block after a pause. `speaks`: the device sends by itself."""
+    """Change a level, read it in a block after pauses, and check its age. `speaks`: True if the device sends by
+    itself."""
     number, pause = turn
     old, new = (output.other(), output.default) if number % 2 else (output.default, output.other())
     probe.write(output.channel, old)
@@ -254,7 +255,7 @@ def _check_age(
     levels: tuple[int, int],
     times: tuple[float, float],
 ) -> None:
-    """A level is read that has changed between these times."""
+    """Read a level that has changed between these two times, and check its age."""
     (old, new), (began, came) = levels, times
     view = context.view(output)
     found = dict(zip(texts, probe.read_many(texts), strict=True))[view]
@@ -302,7 +303,8 @@ def report(context: RuleContext) -> str | None:
 
 
 def _reports_again(context: RuleContext, probe: Probe) -> None:
-    """Results so far do not go because somebody has asked for them; by itself one may come to zero now and then."""
+    """Check that a report does not lose entries because it was requested. An entry may become zero by itself now and
+    then."""
     driver, gone = probe.driver, None
     if not isinstance(driver, Reports):
         return
@@ -319,7 +321,7 @@ def _reports_again(context: RuleContext, probe: Probe) -> None:
 
 
 def _reports_of_now(context: RuleContext, probe: Probe) -> None:
-    """Check that a report on the outputs is a new one after they were moved."""
+    """Check that a report is up to date after the outputs were moved."""
     driver, late = probe.driver, None
     if not isinstance(driver, Reports):
         return
@@ -346,14 +348,15 @@ def _is(one: Any, other: Any) -> bool:
 
 
 def _holds(value: Any) -> bool:
-    """True if it contains something other than zeros."""
+    """Return True if the value contains anything other than zeros."""
     if isinstance(value, Mapping):
         return any(map(_holds, value.values()))
     return any(map(_holds, value)) if isinstance(value, list | tuple) else bool(np.any(value))
 
 
 def _inspects_aside(context: RuleContext, probe: Probe) -> None:
-    """A reading behind `inspect` of another channel is its own, alone and in a block."""
+    """Check that a reading right after `inspect` of another channel is that of its own channel, alone and in a
+    block."""
     for asked, text in zip(context.known, (*context.known[1:], *context.known[:1]), strict=True):
         before = probe.read(text)
         for many in (False, True):
@@ -435,7 +438,7 @@ def watchdog(context: RuleContext) -> str | None:
             _check_let_go(context, probe, seconds, "")
             if context.subject.line is not None:
                 _connects_again(context, probe, seconds)
-                _check_let_go(context, probe, seconds, " and connected again since")
+                _check_let_go(context, probe, seconds, ", and the driver has reconnected since")
                 _arms_in_vain(context, probe, seconds)
         finally:
             _arm(probe, 0.0)
@@ -448,7 +451,7 @@ def _watched(probe: Probe) -> HasWatchdog:
 
 
 def _arm(probe: Probe, seconds: float) -> OSError | None:
-    """The error, if the watchdog does not take this time."""
+    """Arm the watchdog. Return the error if it does not accept this time."""
     try:
         probe.call("check_watchdog", _watched(probe).check_watchdog, seconds)
         probe.call(f"watchdog({seconds:g})", _watched(probe).watchdog, seconds)
@@ -458,7 +461,8 @@ def _arm(probe: Probe, seconds: float) -> OSError | None:
 
 
 def _check_limits(context: RuleContext, probe: Probe) -> None:
-    """A time that is taken can be armed: without a limit it would wrap in the circuit."""
+    """Check that the watchdog can be armed with every time that `check_watchdog` accepts. Without a limit the time
+    would overflow in the circuit."""
     for seconds in NO_TIMES:
         if context.failure(probe.call, "check_watchdog", _watched(probe).check_watchdog, seconds) is not None:
             continue
@@ -466,19 +470,19 @@ def _check_limits(context: RuleContext, probe: Probe) -> None:
             fails = f"{context.watch.doing} fails: {text_of(error)}"
             raise RuleBroken(f"check_watchdog takes {seconds:g} s, and then {fails}")
         if seconds < 0:
-            raise RuleBroken(f"check_watchdog and watchdog take {seconds:g} s, a time that is over")
+            raise RuleBroken(f"check_watchdog and watchdog accept {seconds:g} s, which is in the past")
 
 
 def _sends_by_itself(context: RuleContext, seconds: float) -> bool:
-    """True if requests come while nothing is called."""
+    """Return True if the driver sends requests while nothing is called."""
     with context.counted() as traffic:
         sleep(seconds)
     return bool(traffic.asked)
 
 
 def _connects_again(context: RuleContext, probe: Probe, seconds: float) -> None:
-    """umo arms the watchdog again after an absence only, not behind a call that has connected again and succeeded. One
-    that has let go may be disarmed until it is armed again."""
+    """Lose the connection, and arm the watchdog again only if the next call fails. umo does the same: after a
+    successful call that has reconnected, it does not arm the watchdog again."""
     _arm(probe, seconds)
     context.line.drop()
     if context.failure(_drive, context, probe) is not None:
@@ -487,7 +491,7 @@ def _connects_again(context: RuleContext, probe: Probe, seconds: float) -> None:
 
 
 def _arms_in_vain(context: RuleContext, probe: Probe, seconds: float) -> None:
-    """Nobody must rely on a watchdog of which it is not known whether it was armed."""
+    """Check that `watchdog` fails if its answer gets lost, because it is then unknown whether the watchdog is armed."""
     _drive(context, probe)
     with context.in_haste(probe):
         armed = partial(probe.call, f"watchdog({seconds:g})", _watched(probe).watchdog, seconds)
@@ -503,7 +507,7 @@ def _drive(context: RuleContext, probe: Probe) -> None:
 
 
 def _feed(context: RuleContext, probe: Probe, seconds: float) -> None:
-    """Requests come in time: the outputs stay."""
+    """Send requests in time, and check that the outputs keep their levels."""
     for _ in range(2 * WATCHDOG_REQUESTS):
         _drive(context, probe)
         if context.readable:
@@ -530,4 +534,5 @@ def _check_let_go(context: RuleContext, probe: Probe, seconds: float, since: str
         at = some([f"{each.channel} at {each.other()}" for each in outputs])
         armed = f"armed with {duration(seconds)}{since}"
         why = ": the driver sends requests by itself during this time" if sends else ""
-        raise RuleBroken(f"{armed}, still {at} when nothing was called for {duration(WATCHDOG_EXPIRY * seconds)}{why}")
+        silence = f"nothing was called for {duration(WATCHDOG_EXPIRY * seconds)}"
+        raise RuleBroken(f"the watchdog was {armed}, and {silence}, but the outputs are still driven: {at}{why}")

@@ -99,8 +99,8 @@ class OutputObserver(DriverFactory):
         assert self.subject.levels is not None
         if not (found := self.subject.levels(output.channel)):
             raise RuleBroken(
-                f"`levels` of the subject gave no level of {output.channel}; the first is the one at the last call of "
-                "this function, the last the present one: a level that has not moved stands there alone",
+                f"`levels` of the subject gave no level of {output.channel}; the first is the level at the last call "
+                "of this function, the last is the present level; if the output has not moved, there is only one level",
                 RECORD,
             )
         return found
@@ -171,7 +171,7 @@ class OutputObserver(DriverFactory):
         self.expect(probe, output, raw, f"write({raw})", WRITTEN)
 
     def _hint(self, output: Output, raw: int) -> str:
-        """A hint for devices that have steps."""
+        """Return a hint for devices that have steps."""
         off, width = abs(self.last_level - raw), output.greatest - output.least
         if self.subject.agree is None and width >= 1 / STEP_SHARE and off <= max(1.0, STEP_SHARE * width):
             return (
@@ -264,8 +264,8 @@ class OutputObserver(DriverFactory):
 
     @contextmanager
     def _polling(self, text: str, came: Callable[[int], bool], found: list[int]) -> Iterator[None]:
-        """A second driver reads the input as quickly as it can, once a level `came`; nothing if the device does not let
-        it in."""
+        """Return a context in which a second driver reads the input as quickly as possible, once a level `came`.
+        `found` is empty if the device accepts no second driver."""
         probe, end = self.new(), Event()
         probe.watch = Watch()  # of another thread
         try:

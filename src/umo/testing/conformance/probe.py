@@ -43,7 +43,7 @@ class Watch:
         self.after: Callable[[str], object] | None = None
         """Function that is called after each call of the driver."""
         self.wrong_kind = ""
-        """The first call that raised something else than an OSError."""
+        """The first call that raised an exception other than an OSError."""
         self.wrong_type = ""
         """The first reading that is not an int within the bits of its channel."""
         self.beyond: str | None = None
@@ -193,7 +193,7 @@ class Probe:
         self._bring(text, raw, f"write of {raw} to {text}", self.driver.write)
 
     def _bring(self, text: str, raw: int | None, what: str, function: Callable[..., None]) -> None:
-        """A call that brings a channel to a level, or None for an input."""
+        """Make a call that brings an output to a level. `raw` is None for an input."""
         self.levels.pop(text, None)
         self.call(what, function, self.channel(text), raw)
         if raw is not None:
@@ -225,7 +225,8 @@ class Probe:
             self.write(text, raw)
 
     def _block(self, texts: Sequence[str]) -> tuple[Channel, ...]:
-        """The same object for as long as one block is transferred, as for a whole machine; else an equal one."""
+        """Return the channels of a block. It is the same object as long as the same block is transferred, as in a
+        machine."""
         channels = tuple(map(self.channel, texts))
         if channels != self._whole:
             self._whole = channels
@@ -250,5 +251,5 @@ class Probe:
         return value
 
     def _note(self, words: str) -> None:
-        """Note what is wrong with the reading of the last call."""
+        """Record what is wrong with the reading of the last call."""
         self.watch.wrong_type = self.watch.wrong_type or f"{self.watch.doing} {words}"

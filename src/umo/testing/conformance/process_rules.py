@@ -89,7 +89,8 @@ def _quiet_while_away(context: RuleContext, probe: Probe) -> None:
 
 
 def _quiet(context: RuleContext, wait: Callable[[], object], when: str) -> None:
-    """Raise RuleBroken if threads that are not older than the trial run while they should wait."""
+    """Raise RuleBroken if threads that the driver has started, or this thread, use the processor while they should
+    wait."""
     shares = []
     for _ in range(TRIES):
         before, began = threads(), monotonic()
@@ -103,7 +104,8 @@ def _quiet(context: RuleContext, wait: Callable[[], object], when: str) -> None:
 
 
 def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: float) -> float:
-    """The largest share of a thread, in the time in which it was not kept from running by others."""
+    """Return the largest share of processor time of a thread, without the time in which other threads kept it from
+    running."""
     own = [tid for tid in before if tid not in context.threads or tid == get_native_id()]
     shares = [0.0]
     for tid, (ran, kept) in threads().items():
@@ -131,7 +133,7 @@ def interrupt(context: RuleContext) -> str | None:
 
 
 def _asked_to_stop(context: RuleContext) -> None:
-    """A stop is requested while nothing is called. That of a timer ends its next wait."""
+    """Request a stop while nothing is called. For a timer this ends its next wait."""
     probe = context.new()
     driver = probe.driver
     if not isinstance(driver, EndsWait) or driver.realtime or driver.simulates_time:
@@ -162,7 +164,7 @@ def _interrupted(context: RuleContext, number: int) -> bool:
 
 
 def _interrupted_later(context: RuleContext, number: int) -> None:
-    """The same call, interrupted where it waits for the second time, and so on, one time after the other."""
+    """Interrupt the same call where it waits for the second time, then for the third time, and so on."""
     with context.opened() as probe:
         for waits in range(1, MOST_WAITS):
             call = context.transfers(probe)[number]
@@ -173,7 +175,8 @@ def _interrupted_later(context: RuleContext, number: int) -> None:
 
 
 def _answered_late(context: RuleContext, number: int, line: Tap) -> None:
-    """The answer to the interrupted call comes late: it is not taken for that of the next one, which gets lost."""
+    """Check that the late answer to an interrupted call is not taken for the answer to the next call, which gets
+    lost."""
     with context.opened() as probe:
         for waits in range(MOST_WAITS):
             calls = context.transfers(probe)
@@ -194,7 +197,8 @@ def _answered_late(context: RuleContext, number: int, line: Tap) -> None:
 
 
 def _raised_in(context: RuleContext, call: Callable[[], object], waits: int = 0) -> str:
-    """Return the function in which a call was interrupted when it would have waited for this many times before."""
+    """Interrupt a call when it waits after `waits` earlier waits. Return the function in which it was interrupted, or
+    ""."""
     before, interrupt = sys.getprofile(), _Interrupt(waits)
     context.watch.interrupted = False
     sys.setprofile(interrupt)
@@ -208,7 +212,7 @@ def _raised_in(context: RuleContext, call: Callable[[], object], waits: int = 0)
 
 
 class _Interrupt:
-    """A profile function that raises KeyboardInterrupt once, in a function that waits, behind so many others."""
+    """A profile function that raises KeyboardInterrupt once, in a function that waits, after `waits` earlier waits."""
 
     def __init__(self, waits: int) -> None:
         self.raised, self._waits = "", waits
@@ -252,7 +256,7 @@ def process(context: RuleContext) -> str | None:
 
 
 def _used(context: RuleContext) -> str | None:
-    """A driver is opened, used, left and given up. Why no call could be made to fail, if so."""
+    """Open, use, leave and release a driver. Return the reason if no call could be made to fail."""
     with context.opened() as probe:
         context.use(probe)
         try:
@@ -263,7 +267,7 @@ def _used(context: RuleContext) -> str | None:
 
 
 def _fail(context: RuleContext, probe: Probe) -> None:
-    """Calls without an answer, with a garbled one, and without the device. Then the driver is in use again."""
+    """Make calls without an answer, with a garbled answer, and without the device. Then make the driver work again."""
     context.fail_some(probe)
     if context.subject.line is not None:
         for call in context.transfers(probe)[::3]:
@@ -276,7 +280,7 @@ def _fail(context: RuleContext, probe: Probe) -> None:
 
 
 def _resume(context: RuleContext, probe: Probe) -> None:
-    """Calls that may fail, as those before have left something behind."""
+    """Make calls that may fail because of the consequences of earlier calls."""
     for timeout in (context.haste, context.patience):
         probe.timeout = timeout
         context.try_out(probe)
@@ -284,8 +288,9 @@ def _resume(context: RuleContext, probe: Probe) -> None:
 
 @contextmanager
 def _printed(context: RuleContext) -> Iterator[list[str]]:
-    """Texts that are printed within the block, but not by threads that are older than the drivers, such as the progress
-    of the kit. What goes to `logging` is not printed: where it ends is the program's own choice."""
+    """Return a context that yields the texts printed in it. Texts of threads that are older than the drivers do not
+    count, such as the progress of the kit. Records of `logging` do not count either, because the program decides where
+    they go."""
     found: list[str] = []
 
     class Output(StringIO):

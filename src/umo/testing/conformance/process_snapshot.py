@@ -123,7 +123,7 @@ def alarm_time() -> float | None:
 
 
 def _scheduling() -> str:
-    """The processors and the priority of this thread."""
+    """Return the processors and the priority of this thread as text."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ""
     return f"{processors} {os.getpriority(os.PRIO_PROCESS, 0)}" if hasattr(os, "getpriority") else str(processors)
 
@@ -133,7 +133,7 @@ def _blocked() -> list[int]:
 
 
 def _umask() -> str:
-    """The mask, read from the kernel: reading it by `os.umask` would change it for a moment."""
+    """Return the mask of new files, read from the kernel, because `os.umask` would change it for a moment."""
     with suppress(OSError):
         found = re.search(r"^Umask:\s*(\d+)", STATUS.read_text(), re.MULTILINE)
         return found[1] if found else ""

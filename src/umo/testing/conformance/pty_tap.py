@@ -79,7 +79,7 @@ class PtyTap(Tap):
 
 
 def _shape(parity: Parity, data_bits: int) -> int:
-    """Parity and data bits, as the control modes of a terminal have them."""
+    """Return parity and data bits as control modes of a terminal."""
     import termios
 
     sizes = {5: termios.CS5, 6: termios.CS6, 7: termios.CS7, 8: termios.CS8}

@@ -158,7 +158,7 @@ class _Form:
 
 
 def _bits(values: Sequence[int]) -> tuple[int, int]:
-    """The mask of the bits that are the same in all values, and these bits."""
+    """Return the mask of the bits that are the same in all values, and these bits."""
     changed = 0
     for value in values:
         changed |= value ^ values[0]

@@ -63,7 +63,7 @@ class Traffic:
 
     def __init__(self) -> None:
         self.requests: list[bytes] = []
-        """Pieces that the driver sent: the bytes that were there each time the tap looked."""
+        """Pieces that the driver sent. A piece is the bytes that the tap found at one look."""
         self.answer = b""
         """Bytes that the device sent."""
 
@@ -162,26 +162,26 @@ class Relay(ABC):
 
     @abstractmethod
     def _appear(self) -> None:
-        """Begin to take connections."""
+        """Begin to accept connections."""
 
     @abstractmethod
     def _vanish(self) -> None:
-        """Take no connections any more."""
+        """Accept no more connections."""
 
     def _accept(self) -> None:
-        """A connection waits to be taken."""
+        """Accept a connection that is waiting."""
         raise NotImplementedError
 
     def _ended(self, tapped: Tapped, by: int) -> None:
-        """The driver or the device, whose descriptor this is, has ended the connection."""
+        """Handle the end of a connection by the driver or by the device, whose descriptor is `by`."""
         self._close(tapped)
 
     def _mirror(self, tapped: Tapped) -> None:
-        """A request is about to be passed on."""
+        """Handle a request that is about to be passed on."""
         return
 
     def _reset(self, tapped: Tapped) -> None:
-        """The driver finds its connection reset, where this kind of line can do so."""
+        """Reset the connection to the driver, if this kind of line can do so."""
         return
 
     # The thread --------------------------------------------------------------------------------------
@@ -265,7 +265,7 @@ class Relay(ABC):
     # Answers -----------------------------------------------------------------------------------------
 
     def _finish(self, tapped: Tapped, holding: bool = False) -> None:
-        """The answer is complete."""
+        """Handle an answer that is complete."""
         answer, spoils = tapped.answer, tapped.due is not None
         if not answer:
             return
@@ -276,7 +276,7 @@ class Relay(ABC):
             self._spoil(tapped, answer, holding)
 
     def _spoil(self, tapped: Tapped, answer: bytes, holding: bool) -> None:
-        """An answer that a change leaves as it was does not count as spoiled."""
+        """Spoil an answer. An answer that the change does not alter does not count as spoiled."""
         mode, began = HOLDING if holding else self._mode, monotonic()
         changed = mode.change(answer) if mode.change is not None else None
         self.spoiled += changed != answer

@@ -59,8 +59,8 @@ class RuleContext(OutputObserver):
         """The state of the process before the first driver."""
 
     def begin(self, before: State | None = None) -> None:
-        """Note the state before the first driver. `before`: the earlier state of the process, if a driver was already
-        imported."""
+        """Record the state of the process before the first driver is made. `before`: an earlier state, if a driver was
+        already imported."""
         self.before = before or state()
         self.threads = frozenset(threads())
 
@@ -86,7 +86,7 @@ class RuleContext(OutputObserver):
         return self.watch.took
 
     def _settling(self) -> float:
-        """Time in s that the levels of all loop-backs take, where no other client sees them come."""
+        """Return the time in s for the levels of all loop-backs to arrive; 0 if another client can see them arrive."""
         looped = [each for each in self.viewed if self.view(each) != each.channel]
         with self.second() if looped else nullcontext(None) as other:
             return 0.0 if other is not None else len(looped) * self.subject.settle

@@ -62,8 +62,8 @@ def conform(
     the process before the driver was imported (`process_snapshot.state`), if more than `make` must be judged.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
-    or a signal. A failed rule does not prevent the others from being tested, unless the driver hangs (a call that
-    returns neither within four times its timeout plus 2 s nor within 3.6 s) or the device no longer answers.
+    or a signal. A failed rule does not prevent the others from being tested, unless the driver hangs or the device no
+    longer answers. A driver hangs if a call has not returned after four times its timeout plus 2 s, and at least 3.6 s.
     """
     with raising_signals():
         return _conform(subject, chosen_rules(only), minutes, cycles, progress, plan, before)
@@ -98,17 +98,17 @@ def _conform(
 
 
 class _Examination:
-    """The rules on one trial, one after the other."""
+    """The trial of the rules on one subject, one after the other."""
 
     def __init__(self, context: RuleContext, rules: Sequence[Rule], progress: OnProgress | None) -> None:
         self.context, self.rules, self.progress = context, rules, progress
         self.findings: list[Finding] = []
         self.causes: dict[str, str] = {}
-        """Rules that were broken already, by the cause."""
+        """Rules that were already broken, by the cause."""
         self.hangs = ""
-        """The call that hung already before the first rule."""
+        """The call that hung before the first rule; empty if none did."""
         self.ended = ""
-        """The reason why the rest cannot be tried; the rules of all calls still are."""
+        """The reason why the remaining rules cannot be tried, except the general rules, which are always tried."""
         self._weights = [1.0] * len(rules)
 
     def prepare(self, on_plan: OnPlan | None) -> None:
@@ -156,7 +156,7 @@ class _Examination:
         return finding
 
     def _look_whether_it_lives(self, rule: Rule) -> None:
-        """See whether there is any sense in continuing after a rule that failed."""
+        """Check, after a rule that failed, whether the device can still be used."""
         if "dead" in self.causes:
             self.ended = f"as above: {self.causes['dead']}"
             return
@@ -168,7 +168,7 @@ class _Examination:
             self.ended = f"since the rule {rule.id}: {dead}"
 
     def _part(self, number: int, rule: Rule) -> Callable[[float], object]:
-        """The progress of one rule as that of the whole."""
+        """Return a function that reports the progress of one rule as progress of the whole run."""
         if self.progress is None:
             return lambda share: None
         progress, whole = self.progress, sum(self._weights)
@@ -210,8 +210,9 @@ def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
 
 
 def _failure(context: RuleContext, error: BaseException | None, causes: Iterable[str]) -> tuple[str, ...]:
-    """The cause of a failed call: the driver's text without the call and its channel; a known cause if that is a part
-    of this text. A timeout says nothing of its cause: it is what was disturbed before, or else this kind of call."""
+    """Return the causes of a failed call: the driver's text without the call and its channel, or a known cause that is
+    a part of this text. A timeout does not show its cause, so the cause is the disturbance before it, or else this kind
+    of call."""
     if not isinstance(error, OSError):
         return ()
     kind = call_of(error).partition(" ")[0] if isinstance(error, TimeoutError) else ""
@@ -224,8 +225,8 @@ def _failure(context: RuleContext, error: BaseException | None, causes: Iterable
 
 
 def _in_thread(context: RuleContext, work: Callable[[], T], look: Callable[[], object] = lambda: None) -> T:
-    """The result of the work. Hangs if a call of the driver does not return. An exception here, such as
-    KeyboardInterrupt, ends the work at its next call of the driver."""
+    """Do the work in a thread, and return its result. Raises Hangs if a call of the driver does not return. An
+    exception here, such as KeyboardInterrupt, ends the work at its next call of the driver."""
     outcome: Future[T] = Future()  # Thread.join takes a running thread for ended after Ctrl-C (CPython 3.11, 3.12)
 
     def run() -> None:
@@ -261,8 +262,9 @@ def _check_hang(context: RuleContext) -> None:
 
 
 def _bring_to_defaults(context: RuleContext) -> tuple[str, ...]:
-    """The outputs that were not brought to their defaults. If the driver hangs, its trial is left to its thread, and a
-    new one brings them there: the call that hangs may return at any time."""
+    """Bring the outputs to their defaults, and return those that were not reached. If the driver hangs, its trial is
+    left to its thread, because the call may return at any time, and a new trial brings the outputs to their
+    defaults."""
     if context.watch.over:
         context = RuleContext(context.subject)
     if context.subject.line is not None:

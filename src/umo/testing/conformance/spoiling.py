@@ -96,8 +96,8 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
 
 
 def _of_a_stream(way: Spoilt) -> Spoilt:
-    """The same for a device that sends by itself: what is cut may begin with whole frames, and what comes behind it
-    belongs to no frame."""
+    """Return the same way for a device that sends by itself: an answer that is cut may begin with complete frames, and
+    the following bytes belong to no frame."""
     left = way.change(COUNTED)
     return replace(way, blind=way.blind and not (left and COUNTED.startswith(left)), tries=TRIES)
 
@@ -113,7 +113,7 @@ def device_sends_by_itself(context: RuleContext) -> bool:
 
 
 def _has_structure(context: RuleContext, probe: Probe, text: str) -> bool:
-    """True if an answer to a read has more than the value: a line of text, or some bytes more."""
+    """Return True if an answer to a read contains more than the value: a line of text, or some further bytes."""
     answer = _answer(context, probe, probe.read, text)
     if not context.subject.structured or not answer:
         return context.subject.structured
@@ -132,7 +132,7 @@ def _acknowledged(context: RuleContext, probe: Probe) -> bool:
 
 
 def _answer(context: RuleContext, probe: Probe, call: Callable[..., object], *arguments: Any) -> bytes:
-    """The answer to a call that succeeds; nothing if there was none."""
+    """Return the answer to a call that succeeds; empty if there was none."""
     probe.timeout = context.patience
     return context.traffic(call, *arguments).answer
 
@@ -168,7 +168,7 @@ def spoiled_read(context: RuleContext, probe: Probe, watcher: Probe | None, text
 
 
 def _moved(context: RuleContext, probe: Probe, watcher: Probe | None, output: Output) -> tuple[int, int]:
-    """The level at which an output was read for the last time, and the one to which it has come since."""
+    """Move an output. Return the level at which it was last read, and its new level."""
     before, now = output.other(1), output.other(2)
     if before == now:
         before, now = output.default, output.other()
@@ -181,7 +181,8 @@ def _moved(context: RuleContext, probe: Probe, watcher: Probe | None, output: Ou
 
 
 def _spoiled_write(context: RuleContext, probe: Probe, way: Spoilt) -> bool:
-    """The write must fail, if it has an answer: it is not known whether it was carried out."""
+    """Check that a write with a changed answer fails, because it is not known whether it was carried out. Return
+    whether there was an answer to change."""
     output = context.subject.outputs[0]
     probe.timeout = context.patience
     probe.write(output.channel, output.default)
@@ -232,7 +233,7 @@ def rewrite(
 
 
 def _at_last(context: RuleContext, after: str, tries: int, call: Callable[..., T], *arguments: Any) -> T:
-    """The result of a call that succeeds at the last of the tries at the latest."""
+    """Return the result of a call that must succeed at the latest at the last of the tries."""
     for _ in range(tries - 1):
         with suppress(OSError):
             return call(*arguments)

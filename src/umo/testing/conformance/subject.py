@@ -123,8 +123,8 @@ class Subject:
 
 
 def _levels(least: int, greatest: int, default: int) -> tuple[int, ...]:
-    """Levels of the range, no one twice: the default, the ends, one with both signs in turn, a shuffled mixture of the
-    others."""
+    """Return levels of the range, none of them twice: the default, both ends, one level with both signs, and a shuffled
+    mixture of others."""
     if greatest - least < FEW_LEVELS:
         mixed = list(range(least, greatest + 1))
     else:
@@ -144,7 +144,7 @@ def _powers(least: int, greatest: int) -> Iterator[int]:
 
 
 def _bytes(least: int, greatest: int) -> Iterator[int]:
-    """Levels whose bytes each run through all their values, as far as the range has them."""
+    """Yield levels in which each byte has all its values in turn, as far as the range contains them."""
     bits = max(least.bit_length(), greatest.bit_length()) + (least < 0)
     size = -(-bits // 8)
     for number in range(BYTE_VALUES):

@@ -130,7 +130,8 @@ class Tap(Relay):
 
     @contextmanager
     def _in(self, mode: AnswerMode, at_end: Callable[[Tapped], None] = lambda tapped: None) -> Iterator[None]:
-        """`at_end` is called for each connection, before anything else passes."""
+        """Return a context in which answers are treated in this mode. At its end `at_end` is called for each
+        connection, before any other data pass."""
         with self._lock:
             for each in tuple(self._open):
                 if each.due is None:

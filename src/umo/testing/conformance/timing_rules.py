@@ -38,8 +38,8 @@ answer. Between the two limits it is twice the short timeout."""
 AT_ONCE = 0.1
 """Time in s after which a call that connects slowly must not have connected yet."""
 SLOW_SHARE, SLOW_FACTOR = 0.85, 5.0
-"""The time of the answers for one channel, as a share of the timeout, and the timeout, as a multiple of the time of a
-transfer."""
+"""SLOW_SHARE: the time of the answers for one channel as a share of the timeout. SLOW_FACTOR: the timeout as a multiple
+of the time of a transfer."""
 SLOWLY_CONNECTED = 1.25
 """Timeout in s of a call that needs about 1 s to connect."""
 CONNECTING_DELAY = 0.1
@@ -80,8 +80,8 @@ def timeout(context: RuleContext) -> str | None:
 
 
 def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
-    """Raise RuleBroken if a call of several requests succeeds without the last of its answers. Nothing is said of a
-    driver that sends requests beside its calls."""
+    """Raise RuleBroken if a call of several requests succeeds without the last of its answers. A driver that sends
+    requests between its calls is not judged."""
     counts = set()
     for _ in range(2):
         _alive(context, probe, call)
@@ -120,7 +120,7 @@ def _answers(context: RuleContext, call: DriverCall) -> int:
 
 
 def _alive(context: RuleContext, probe: Probe, call: DriverCall) -> None:
-    """The driver is connected; then the short timeout."""
+    """Make a call that succeeds, so that the driver is connected; then set the short timeout."""
     probe.timeout = context.patience
     context.insist(call)
     probe.timeout = context.haste
@@ -151,7 +151,7 @@ def _replace(old: object, new: object) -> None:
 
 
 def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
-    """Open, or fail, and close. The quickest of several drivers counts."""
+    """Check the duration of `open`, which may fail, and of `close`. The quickest of several drivers counts."""
     limit = allowed(context.haste)
     for probe in probes:
         probe.timeout = context.haste
@@ -166,7 +166,7 @@ def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
 
 
 def _without_a_connection(context: RuleContext) -> bool:
-    """True if requests to connect can be left without an answer."""
+    """Check calls while requests to connect get no answer. Return True if this kind of line can do so."""
     others = [context.new() for _ in range(TRIES)]
     probe = context.new()
     context.bring_up(probe)
@@ -189,7 +189,7 @@ def in_time(context: RuleContext, probe: Probe, call: Callable[..., object], *ar
 
 
 def _timed(context: RuleContext, probe: Probe, attempt: Callable[[], T]) -> T:
-    """The result of an attempt at a call, which has to end within its timeout; the quickest of some counts."""
+    """Return the result of a call that must end within its timeout. The quickest of several attempts counts."""
     for _ in range(TRIES):
         found = attempt()
         if context.watch.took <= allowed(probe.timeout):
@@ -237,8 +237,8 @@ def one_deadline(context: RuleContext) -> str | None:
 
 
 def _each_answer_is_slow(context: RuleContext, probe: Probe, steady: float) -> None:
-    """The answers to one channel take most of the timeout; then those of a block take longer, and so do those with what
-    is sent first on a new connection."""
+    """Check that blocks end within the timeout if the answers for one channel take most of it. The answers for a block
+    then take longer than the timeout, and so do those after a reconnection."""
     calls = context.transfers(probe)
     for single, call in zip(calls[::2], calls[1::2], strict=False):
         probe.timeout = context.patience
@@ -254,7 +254,8 @@ def _each_answer_is_slow(context: RuleContext, probe: Probe, steady: float) -> N
 
 
 def _connected_again(context: RuleContext, call: DriverCall) -> None:
-    """The call that connects again: the first may only find the end of the connection."""
+    """Lose the connection, and make the call until it has connected again. The first call may only find the end of the
+    connection."""
     context.line.drop()
     for _ in range(2):
         context.failure(call)
@@ -263,7 +264,7 @@ def _connected_again(context: RuleContext, call: DriverCall) -> None:
 
 
 def _connects_slowly(context: RuleContext, probe: Probe) -> bool:
-    """Connecting takes most of the timeout, and then nothing is answered. Whether that is possible."""
+    """Let connecting take most of the timeout, and then answer nothing. Return True if this kind of line can do so."""
     with context.line.silent(), context.line.unreachable(CONNECTING_DELAY) as possible:
         probe.timeout = SLOWLY_CONNECTED
         if possible:
@@ -277,7 +278,8 @@ def _connects_slowly(context: RuleContext, probe: Probe) -> bool:
 
 
 def _clock_is_set(context: RuleContext, probe: Probe, call: DriverCall, step: float) -> None:
-    """The clock of the day is set back, again and again, while an answer trickles: a timeout is no time of the day."""
+    """Set the wall clock back repeatedly while an answer arrives slowly. The timeout must not depend on the wall
+    clock."""
     began = monotonic()
     try:
         with context.line.trickling(step), clock_set_back(lambda: CLOCK_FACTOR * (monotonic() - began)):
@@ -311,7 +313,8 @@ def patience(context: RuleContext) -> str | None:
 
 
 def _failure_when_late(context: RuleContext, call: DriverCall, delay: float) -> OSError | None:
-    """The error of a call whose first answer is late, each time."""
+    """Return the error of a call whose first answer is late in each of several attempts; None if an attempt
+    succeeds."""
 
     def late(answer: bytes) -> bytes:
         sleep(delay)
@@ -325,7 +328,7 @@ def _failure_when_late(context: RuleContext, call: DriverCall, delay: float) -> 
 
 
 def _connects_late(context: RuleContext) -> None:
-    """Requests to connect get lost for a short time, and are repeated by the kernel."""
+    """Check that connecting succeeds if requests to connect get lost for a short time, and the kernel repeats them."""
     probe = context.new()
     with context.leaving(probe), context.line.unreachable(CONNECTING_DELAY):
         for call in (partial(context.bring_up, probe), context.transfers(probe)[0]):
@@ -335,7 +338,8 @@ def _connects_late(context: RuleContext) -> None:
 
 
 def _open_in_a_hurry(probe: Probe, context: RuleContext, timeout: float) -> bool:
-    """Opened with a short timeout, if this is possible: the device or the computer may need longer."""
+    """Open the driver with a short timeout, and return True if this succeeded. The device or the computer may need
+    longer."""
     probe.timeout = timeout
     for _ in range(TRIES):
         if context.failure(probe.open) is None:

@@ -47,7 +47,8 @@ def answers(context: RuleContext) -> None:
 
 
 def _check_record(context: RuleContext, output: Output) -> None:
-    """The levels that the subject gives begin with the last one of the call before: else rules would see pulses."""
+    """Check that the levels from the subject's `levels` begin with the last level of the previous call. Otherwise rules
+    would see pulses."""
     with context.opened() as probe:
         before = context.recorded(output)[-1]
         for raw in (output.other(), output.other(1)):
@@ -106,7 +107,7 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
 
 @rule(Cost(each=7, calls=10, more=600))
 def range_(context: RuleContext) -> str | None:
-    """An output takes every raw level of its range exactly, and the same level is read back. Tested are both ends,
+    """An output takes every raw level of its range exactly, and the same level is read back. The rule tests both ends,
     powers of two and their neighbours, and every value of each byte."""
     with context.opened() as probe:
         tasks = [(output, raw) for output in context.required_outputs for raw in output.samples[:FEWEST_LEVELS]]
@@ -144,13 +145,13 @@ def _beyond(probe: Probe, output: Output) -> tuple[int, ...]:
 
 
 def _beyond_words(probe: Probe, output: Output) -> tuple[int, ...]:
-    """Levels that a conversion to fewer bits would bring into the range, or that only 64 bits hold."""
+    """Return levels that a conversion to fewer bits would bring into the range, or that only 64 bits can hold."""
     highest = probe.channel(output.channel).highest
     return tuple(raw for bits in (16, 32, 62) if (raw := (1 << bits) + output.other()) > highest + 1)
 
 
 def _refused(context: RuleContext, probe: Probe, output: Output, raw: int) -> None:
-    """Alone, in a block of one, and behind the others in a block."""
+    """Check that a write of this level is refused: alone, in a block of one, and after the others in a block."""
     before = [each for each in context.visible if each != output]
     calls: list[DriverCall] = [partial(probe.write, output.channel, raw)]
     for others in [[], before] if before else [[]]:
