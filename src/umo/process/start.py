@@ -218,7 +218,15 @@ class Started:
                 self._look_for_stopped()
             elif not self._guardian_has_ended:
                 self._end_of_guardian()
-                self._channel.peer_is_gone(STANDBY_END_TIMEOUT)  # the standby guardian holds the devices until it ends
+                if not self._channel.peer_is_gone(STANDBY_END_TIMEOUT):  # the standby guardian holds the devices
+                    self._end_stopped()
+
+    def _end_stopped(self) -> None:
+        """Kill the processes that were stopped by a signal after the end of the run. They have nothing left to do, and
+        would hold the devices until they continue."""
+        for process in self._others.values():
+            if process.is_stopped:
+                process.send(signal.SIGKILL)
 
     @property
     def _is_under_way(self) -> bool:
