@@ -825,26 +825,26 @@ def test_a_board_keeps_what_was_reached_and_why_not() -> None:
 
 
 @pytest.mark.parametrize(
-    ("status", "left", "expected"),
+    ("status", "left", "safe", "expected"),
     [
-        (0, None, 0),
-        (143, None, 143),
-        (1, None, 1),
-        (-9, None, 3),
-        (-9, Outcome(), 1),
-        (-9, Outcome(Failed("StopError", "not reached: m", 3), unreached=["m"]), 3),
+        (0, None, False, 0),
+        (143, None, False, 143),
+        (1, None, False, 1),
+        (-9, None, False, 3),
+        (-9, Outcome(), False, 1),
+        (-9, Outcome(), True, 1),
+        (-9, Outcome(Failed("StopError", "not reached: m", 3), unreached=["m"]), False, 3),
     ],
 )
 def test_the_starter_takes_the_guardians_status_where_nobody_told_the_outcome(
-    status: int, left: Outcome | None, expected: int
+    status: int, left: Outcome | None, safe: bool, expected: int
 ) -> None:
-    outcome = vanished(status, left, ["motor", "valve"], "press", running=True)
+    outcome = vanished(status, left, ["motor", "valve"], "press", running=True, safe=safe)
     assert outcome.status == expected
     assert outcome.failure is None or (expected == 3) == ("not reached: m" in outcome.failure.message)
     if expected == 3 and left is None:
-        assert "any actuator of press" in str(vanished(status, left, [], "press", running=True).failure)
+        assert "any actuator of press" in str(vanished(status, left, [], "press", running=True, safe=False).failure)
     if status < 0:
-        safe = left is not None and not left.unreached
         assert outcome.unsafe is not safe
         advice = "the next start may need --acknowledge" if safe else "inspect the machine"
         assert advice in str(outcome.failure)

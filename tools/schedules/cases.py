@@ -54,6 +54,8 @@ ONCE_WRONG = (
     "0: no-fork guardian at guardian:10",
     "0 frames: kill keeper at keeper:5; kill control at keeper:5",
     f"0 long: stop reserve {DRIVEN}; kill guardian {DRIVEN}",  # it was left behind, and held the devices
+    "0: kill guardian at guardian:79; stop standby at guardian:79",  # so was the standby guardian, after a good end
+    "0: kill guardian at guardian:76; kill standby at guardian:76",  # the record of a good end was gone
     # the next one that waits to reset waited for the place of a stopped one
     f"0 long: stop reserve {DRIVEN}; kill control {DRIVEN}; {_all('kill', 'guardian', 'standby', after='+200ms')}",
 )

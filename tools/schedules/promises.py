@@ -172,9 +172,12 @@ def all_end(end: End) -> Iterator[str]:
 
 
 def nobody_is_left(end: End) -> Iterator[str]:
-    """When the end is told, no process is left that was stopped: it would hold the devices of the next run."""
+    """When the end is told, no process is left that was stopped: it would hold the devices of the next run. If the
+    starter was killed, nobody may be left who could end it; the next run then names the process that holds the
+    device."""
     left = [process.name for process in end.scheduler.living() if kind_of(process.name) != "starter"]
-    if left and any(": note_told " in line for line in end.scheduler.lines):
+    is_lost = any(fault.what is What.KILL and fault.who == "starter" for fault in end.scheduler.schedule.faults)
+    if left and not is_lost and any(": note_told " in line for line in end.scheduler.lines):
         yield f"left behind: {', '.join(left)}"
 
 

@@ -126,6 +126,8 @@ class RunEnd:
         what = failure.message.partition("\n")[0] if failure is not None else "it was stopped"
         with suppress(Exception):
             self._workers.dismiss()
+        if not outcome.unsafe:
+            self._channel.send("safe")  # before the records are removed
         with suppress(Exception):
             if outcome.unsafe:
                 told = self._device_claim.stopped(what, outcome.unreached)

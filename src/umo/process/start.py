@@ -120,6 +120,8 @@ class Started:
         self._outcome: Outcome | None = None
         self._left_outcome: Outcome | None = None
         """The outcome that the control process has sent at its end. The outcome of the guardian takes precedence."""
+        self._is_safe = False
+        """True if the guardian has found the end safe, and may have removed the records of the run."""
         self.standby = 0
         """The standby guardian's pid, once it is known; 0 before."""
         self.reserve = 0
@@ -210,7 +212,12 @@ class Started:
                 objects = () if self.frames is None else self.frames.layout.described.objects
                 actuators = [each.path for each in objects if each.is_actuator]
                 self._outcome = vanished(
-                    self._end_of_guardian(), self._left_outcome, actuators, self._name, running=self.pid is not None
+                    self._end_of_guardian(),
+                    self._left_outcome,
+                    actuators,
+                    self._name,
+                    running=self.pid is not None,
+                    safe=self._is_safe,
                 )
             if self._outcome is None:
                 if calls.now() > self._start_limit and not self._is_under_way:
@@ -218,7 +225,15 @@ class Started:
                 self._look_for_stopped()
             elif not self._guardian_has_ended:
                 self._end_of_guardian()
-                self._channel.peer_is_gone(STANDBY_END_TIMEOUT)  # the standby guardian holds the devices until it ends
+                if not self._channel.peer_is_gone(STANDBY_END_TIMEOUT):  # the standby guardian holds the devices
+                    self._end_stopped()
+
+    def _end_stopped(self) -> None:
+        """Kill the processes that were stopped by a signal after the end of the run. They have nothing left to do, and
+        would hold the devices until they continue."""
+        for process in self._others.values():
+            if process.is_stopped:
+                process.send(signal.SIGKILL)
 
     @property
     def _is_under_way(self) -> bool:
@@ -330,25 +345,29 @@ class Started:
             self.notices.append(message["text"])
         elif kind == "left":
             self._left_outcome = Outcome.load(message["outcome"])
+        elif kind == "safe":
+            self._is_safe = True
         elif kind == "ended":
             self._outcome = Outcome.load(message["outcome"])
         for file in message["files"]:
             calls.close(file)
 
 
-def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: str, *, running: bool) -> Outcome:
+def vanished(
+    status: int, left: Outcome | None, actuators: Sequence[str], name: str, *, running: bool, safe: bool
+) -> Outcome:
     """Return the outcome for the case that no process has reported it. It is derived from the guardian's exit status,
     and from the report of the control process, if there is one. `actuators`: the known actuators of the machine.
-    `name`: the name of the station. `running`: whether the machine had been started."""
+    `name`: the name of the station. `running`: whether the machine had been started. `safe`: whether the guardian has
+    found the end safe, and may have removed the records that the next run would have to acknowledge."""
     if status < 0 and left is not None:
         what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended; "
-        # it may have been killed before or after it has removed the records of a safe end
-        what += INSPECT if left.unreached else f"{left.outputs}; the next start may need --acknowledge"
+        what += f"{left.outputs}; the next start may need --acknowledge" if safe else INSPECT
         if left.failure is None:
             left.failure = Failed("GuardianLost", what, 1)
         else:
             left.failure.message += f"\n{what}"
-        left.unsafe = bool(left.unreached)
+        left.unsafe = not safe
         return left
     if status == 0:
         return Outcome()
