@@ -341,7 +341,7 @@ PLANTED = (
             '        Failed("Vanished", f"{text}\\n{unreached}", ExitStatus.UNREACHED), unsafe=False,',
             by=ROWS["all killed"]),
     Planted("a guardian that was killed counts as one that ended well", START,
-            "        left.unsafe = True\n", "        left.unsafe = False\n",
+            "        left.unsafe = not safe\n", "        left.unsafe = False\n",
             "the record of the start stands, and the end is told as failed"),
 )  # fmt: skip
 BY_NAME = {each.what: each for each in PLANTED}
