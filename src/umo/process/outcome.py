@@ -91,7 +91,7 @@ class Outcome:
 
     @property
     def outputs(self) -> str:
-        """The state, as text, in which a run that ended safely has left its outputs."""
+        """The state, as text, of the outputs after a run that ended safely."""
         if self.driven:
             return "every actuator is at its default"
         return (

@@ -457,7 +457,9 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
         damaged = "".join(f": at byte {each.at:,} {each.why}" for each in islice(file.damaged, 1))
         raise FramesError(f"{file.path} is not a recording of umo, or its description is damaged{damaged}")
     if (version := about.get("version")) not in (FORMAT, OLD_FORMAT):
-        raise FramesError(f"{file.path} has version {version}, this umo reads versions {OLD_FORMAT} and {FORMAT}")
+        raise FramesError(
+            f"{file.path} has version {version}, but this umo reads only versions {OLD_FORMAT} and {FORMAT}"
+        )
     if version == FORMAT and about.get("checksum") != _checksum(about):
         raise FramesError(f"{file.path} is damaged: the checksum of its description is wrong")
     try:

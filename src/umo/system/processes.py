@@ -244,8 +244,8 @@ def start_of(pid: int) -> int:
 
 
 def identity(pid: int) -> str:
-    """Return a text that identifies a process and that no other process has, not even one that gets its number later,
-    or after a restart of the computer; empty if there is no such process, or nothing is known about it."""
+    """Return a text that identifies a process uniquely, also if its pid is used again later or after a restart of the
+    computer. The text is empty if there is no such process, or nothing is known about it."""
     with suppress(OSError):
         return f"{BOOT.read_text().strip()} {pid} {started}" if (started := _start_time(pid)) else ""
     return ""

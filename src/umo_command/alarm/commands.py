@@ -97,9 +97,9 @@ def _add(command: HelpPanel, verb: Verb) -> None:
     example = " '10 min'" if verb.arguments else ""
     about = typer.Argument(
         metavar=f"[STATION] PATH{more}" if more else "[STATION] [PATH]...",
-        help=f"Name or pid of a station, required if several run; then the paths of alarms (tank.overfill), of "
-        f"objects or compounds for all alarms in them, or patterns such as 'tanks.*.overfill'"
-        f"{'; at the end the time, at most 7 days' if more else '; default: all'}.",
+        help=f"Name or pid of a station, required if several run; then one or more paths. A path names an alarm "
+        f"(tank.overfill), or an object or compound with all its alarms. It can be a pattern ('tanks.*.overfill'). "
+        f"{'The last argument is the time, at most 7 days.' if more else 'Default: all alarms.'}",
         autocompletion=completion.running_and_alarms,
     )
 

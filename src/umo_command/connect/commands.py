@@ -91,9 +91,9 @@ def fleet(
 ) -> int:
     """Publish the stations of this computer, also stations that start later, until Ctrl-C.
 
-    `umo show stations --fleet` lists the stations. `umo show values`, `umo.attach` and other commands name a station
-    SITE/STATION. Without --connect and --listen only this computer can reach the stations. These options can also be
-    set in the file ~/.config/umo/fleet.toml.
+    `umo show stations --fleet` lists the stations. For `umo show values`, `umo.attach` and other commands, write the
+    name of a station as SITE/STATION. If neither --connect nor --listen is given, only this computer can reach the
+    stations. These options can also be set in the file ~/.config/umo/fleet.toml.
     """
     from umo_command.connect.fleet import serve_gateway
 

@@ -64,8 +64,8 @@ def get(
     the station does not run, this command opens its devices, sets every actuator to its default, reads, and sets every
     actuator to its default again.
 
-    If the driver supports it, the raw content of the circuit is shown below a sensor, such as registers in each byte
-    order. Options of the machine follow the station's name.
+    If the driver supports it, the line after a sensor's value shows the raw content of its circuit, such as registers
+    in each byte order. Options of the machine follow the station's name.
     """
     from umo_command.device.get_set import get_values
 

@@ -27,7 +27,7 @@ from umo_command.show.stations import attach
 
 
 def do(name: str, verb: str | None, words: Sequence[str], over: bool, held: float | None) -> int:
-    """Give a verb and print its result, or list the verbs of a station. Return the exit status."""
+    """Send a verb to a station and print its result, or list the verbs of a station. Return the exit status."""
     if verb is None:
         with station_of(name) as station:
             out.print(_listed())

@@ -28,9 +28,9 @@ command = HelpPanel("Run")
     epilog="Examples: umo run ztheta  |  umo run furnace --realtime  |  umo run ztheta --parts 2 --turn 45  |  "
     "umo run ztheta -w modbus  |  umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
     status="0 the application has returned; 1 the machine, a device or code failed; 2 the command line, the wiring or "
-    "a declaration is wrong, and nothing ran; 3 an actuator is not at its default; 4 runs/ cannot be written and "
-    "nothing ran, or the run succeeded and only its record is incomplete; 124 --until ended the run; 130 Ctrl-C ended "
-    "the run; 128 plus N: signal number N ended the run",
+    "a declaration is wrong, and nothing ran; 3 an actuator is not at its default; 4 the folder runs/ cannot be "
+    "written: nothing ran, or the run succeeded but its record is incomplete; 124 --until ended the run; 130 Ctrl-C "
+    "ended the run; 128 plus N: signal number N ended the run",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
 )

@@ -33,7 +33,7 @@ SUMMARY_PAUSE = 60.0
 
 class TraceParts:
     """An observer that writes every period to `trace-000001.csv` and so on in a folder, with at most `limit` bytes in
-    total. The oldest parts are removed. A write error is reported once and leaves a gap (`complete`)."""
+    total. The oldest parts are removed. A write error is reported once and leaves a gap; `complete` is then False."""
 
     def __init__(self, folder: Path, limit: int) -> None:
         self._folder = folder

@@ -70,7 +70,7 @@ class Commander:
         arguments: Mapping[str, Any] | None = None,
         while_running: Callable[[], object] = lambda: None,
     ) -> Any:
-        """Give a verb, and return its result when it has ended (see `do`)."""
+        """Send a verb, and return its result when it has ended (see `do`)."""
         if verb.is_level:
             return self.stop()
         if verb.is_of_lease:

@@ -104,8 +104,8 @@ class Unit:
         self._requests = _readers_of(_Requests())  # type: ignore[no-untyped-call]
 
     def look(self, table: Table, address: int, count: int, timeout: float) -> bool | None:
-        """Return whether the unit answers a request for these cells, without waiting; None if this is not known yet. An
-        exception also counts as an answer. Raises DriverError if the unit does not answer now."""
+        """Look, without waiting, whether the unit answers a request for these cells, also by an exception. Return True
+        if it does, None while this is not known yet. Raises DriverError if it does not answer within `timeout` s."""
         request = self._requests[table](address, count=count, device_id=self._unit)
         self._timeout = timeout
         return self._connecting(lambda deadline: self._transport.look(request, timeout), timeout)

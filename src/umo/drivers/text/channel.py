@@ -314,5 +314,5 @@ def _truth(value: Any, where: str) -> bool:
 def _scale(value: Any, where: str) -> Decimal:
     """Return the step of one raw integer, exactly as it is written."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
-        raise WiringError(f"{where} must be a number above 0, the step of one raw integer, not {value!r}")
+        raise WiringError(f"{where} must be a number above 0 (the step of one raw integer), not {value!r}")
     return Decimal(repr(value))

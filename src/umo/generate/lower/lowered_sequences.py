@@ -31,7 +31,7 @@ class LoweredSequences(LoweredSubject):
     """Lowers the iterables of a function."""
 
     def over(self, node: ast.expr) -> Turns:
-        """Return the turns of a loop with this head."""
+        """Return the iterations of a loop with this header."""
         leaves: list[ast.expr] = []
         turns = self._planned(node, leaves)
         return turns(iter(self.f.ordered(leaves)))

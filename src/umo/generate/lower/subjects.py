@@ -331,7 +331,7 @@ class AskedOfSequences(Protocol):
     """Lowers the iterables of a function."""
 
     def over(self, node: ast.expr) -> Turns:
-        """Return the turns of a loop with this head."""
+        """Return the iterations of a loop with this header."""
 
     def is_iterator(self, node: ast.AST) -> bool:
         """True if this is a call of `zip`, `enumerate` or `reversed`."""

@@ -18,7 +18,7 @@ def is_text_state(term: Term) -> bool:
 
 
 def as_text(f: FunctionBuilder, term: Term, node: ast.AST) -> Code | None:
-    """Return a term as a string written in the code, or as one of several such strings. Return None for other terms,
+    """Return a term as a string literal, or as a choice between several string literals. Return None for other terms,
     and for texts that are made at run time."""
     if isinstance(term, Code):
         return term if isinstance(term.type, TextType) else None

@@ -141,7 +141,7 @@ class PartMirror:
             getattr(owner, name)(*state.numbers)
 
     def new_faults(self, state: ControllerState) -> Iterator[tuple[Compound, int]]:
-        """Return the equipment that has entered a fault on the controller, each with the number of its fault."""
+        """Yield each equipment that has entered a fault on the controller, with the number of its fault."""
         for number, fault in enumerate(state.equipment):
             if fault and not self._faults[number]:
                 yield self._equipment[number], fault

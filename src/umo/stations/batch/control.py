@@ -29,7 +29,7 @@ __all__ = ["BatchPlant", "ChargingLine", "Making", "Reactor"]
 
 class Making(Procedure):
     """The states of a reactor, which makes a batch of its recipe at each start. While it is paused or held, the reactor
-    keeps its temperature, the valves are closed, and the charging line waits if it works for this reactor."""
+    keeps its temperature, the valves are closed, and the charging line waits if it is charging this reactor."""
 
     numbers: ClassVar[Mapping[str, Number]] = {
         **Procedure.numbers,

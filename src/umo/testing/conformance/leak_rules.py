@@ -289,7 +289,7 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
         new.go(WARMING_CYCLES)
     if run.slower_than(new.early):
         took = f"{time_text(run.late)} after {run.calls:,} transfers, {time_text(new.early)} with a new driver"
-        raise RuleBroken(f"a cycle takes {took}")
+        raise RuleBroken(f"a cycle has become slower: {took}")
 
 
 @rule(Cost(opens=3, calls=560, connects=13, sleeps=0.5, more=2000))

@@ -267,7 +267,9 @@ def _check_age(
             f"{view} read {found} with an age of {_time(age)}; it has had this level for at most {_time(most)}"
         )
     if context.alike(view, old, found) and not context.same(output, new, found) and age < least:
-        raise RuleBroken(f"{view} read {found} with an age of {_time(age)}; it has been at {new} for {_time(least)}")
+        raise RuleBroken(
+            f"{view} read {found} with an age of {_time(age)}, but the level has been {new} for {_time(least)}"
+        )
 
 
 def _time(seconds: float) -> str:
