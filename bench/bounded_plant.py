@@ -156,7 +156,7 @@ class Box:
 
 
 class Signs:
-    """The signs of life of clients: there are some until `silent`."""
+    """The heartbeats of clients: there are some until `silent`."""
 
     def __init__(self) -> None:
         self.asked, self.now, self.silent = [0], 0.0, False

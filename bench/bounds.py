@@ -324,7 +324,7 @@ def _expire(rig: Rig) -> None:
 
 
 def _silent(rig: Rig) -> None:
-    """The next period finds no sign of life for what is held, but one of the lease itself."""
+    """The next period finds no heartbeat for what is held, but one of the lease itself."""
     rig.signs.silent = True
     rig.signs.now += 0.6
 
@@ -372,7 +372,7 @@ CAUSES = [
     Cause("a lease is taken over while every valve is held", lambda rig: rig.ask_other("lease", over=True),
           before=_held, after=_automatic, expected="done"),
     Cause("a lease lapses while every valve is held", _lease_lapses, before=_held, after=_automatic),
-    Cause("the client of every held valve gives no more signs of life", _silent, before=_held, after=_automatic),
+    Cause("the client of every held valve sends no more heartbeats", _silent, before=_held, after=_automatic),
     # Commands
     Cause("four writes", _four("write", "valves.{}", 5.0), ["write"], before=_manual, after=_automatic,
           expected="done"),

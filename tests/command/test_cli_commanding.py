@@ -264,7 +264,7 @@ def test_an_actuator_of_a_running_station_is_taken_and_given_back(conveyor: umo.
 
 
 @pytest.mark.parametrize("words", HELD)
-@pytest.mark.parametrize("how", ["another client takes the lease", "it gives no sign of life"])
+@pytest.mark.parametrize("how", ["another client takes the lease", "it sends no heartbeat"])
 def test_a_command_ends_with_status_2_when_the_machine_holds_no_longer_what_it_holds(
     conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, words: list[str], how: str
 ) -> None:

@@ -279,7 +279,7 @@ class Rig:
         return CLIENT[next(event.state for event in told if event.command == self.number)]
 
     def look(self, *signed: str) -> None:
-        """The clients' turn in a period, with signs of life for these."""
+        """The clients' turn in a period, with heartbeats for these."""
         self.letters.signs |= dict.fromkeys(signed, (self.clients.lease.number, self.life))
         self.clients.look()
 

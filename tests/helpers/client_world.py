@@ -24,7 +24,7 @@ from umo.process.frames.command_queue import Receiver
 from umo.testing import Scripted, periods
 
 STEP = 0.05
-"""s on the clock of the signs of life from one period to the next."""
+"""s on the clock of the heartbeats from one period to the next."""
 SLACK = 2 * STEP
 """s by which the machine sees later than a client dies that it has died."""
 
@@ -59,7 +59,7 @@ class Cell(Compound):
 
 
 class WorldClient:
-    """A client: it gives signs of life and looks for answers in each period, as long as it lives and is not frozen."""
+    """A client: it sends heartbeats and looks for answers in each period, as long as it lives and is not frozen."""
 
     def __init__(self, world: ClientWorld, name: str) -> None:
         self.name, self._world = name, world

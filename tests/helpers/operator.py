@@ -1,4 +1,4 @@
-"""An operator of a connected machine, in virtual time: commands under a lease, with signs of life in every period."""
+"""An operator of a connected machine, in virtual time: commands under a lease, with heartbeats in every period."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from umo.operation.commands.client_control import ClientControl
 from umo.testing import periods
 
 BOOT = 1000.0
-"""The clock of the signs of life when the cycle's clock is 0, s."""
+"""The clock of the heartbeats when the cycle's clock is 0, s."""
 
 
 class Operator:
@@ -26,7 +26,7 @@ class Operator:
         clients = ClientControl(self.letters, self.letters, mode, lambda: BOOT + self.machine.clock.now)
         self.clients = self.machine.attach(clients)
         self.alive = True
-        """Whether it gives signs of life."""
+        """Whether it sends heartbeats."""
 
     def sign(self) -> None:
         if self.alive:
@@ -34,7 +34,7 @@ class Operator:
             self.letters.signs |= dict.fromkeys(("", *self._held), (self.lease, now))
 
     def run(self, count: int = 1) -> None:
-        """Let periods pass, with signs of life."""
+        """Let periods pass, with heartbeats."""
         for _ in range(count):
             self.sign()
             periods(self.m)

@@ -172,7 +172,7 @@ class Commanded(Rig):
         super().__init__(**changes)
         self.letters, self.mode, self.number = Letters(), mode, 0
         self.now = 1.0
-        """The clock of the signs of life, s."""
+        """The clock of the heartbeats, s."""
 
     def __enter__(self) -> Commanded:
         super().__enter__()

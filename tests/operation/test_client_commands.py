@@ -107,7 +107,7 @@ class Press(Compound):
 
 
 BOOT = 1000.0
-"""The clock of the signs of life when the cycle's clock is 0, s."""
+"""The clock of the heartbeats when the cycle's clock is 0, s."""
 
 
 class Rig:
@@ -138,7 +138,7 @@ class Rig:
 
     @property
     def now(self) -> float:
-        """The clock of the signs of life, s."""
+        """The clock of the heartbeats, s."""
         return BOOT + float(self.connection.machine.clock.now)
 
     def __exit__(self, *error: Any) -> None:
@@ -153,7 +153,7 @@ class Rig:
         return self.number
 
     def do(self, do: str, path: str = "", value: Any = None, key: str = "a", **more: Any) -> Event:
-        """Send it with a sign of life, and let a period pass; its first event."""
+        """Send it with a heartbeat, and let a period pass; its first event."""
         self.sign(path, key=key)
         number = self.send(do, path, value, key, **more)
         self.periods()
@@ -323,7 +323,7 @@ def test_an_actuator_in_a_client_refuses_the_program_and_is_given_back_at_its_de
         assert (rig.m.ram.read(), rig.m.taken, rig.m.ram.inhibited) == (2.0, True, None)
 
 
-def test_what_a_client_holds_without_a_sign_of_life_goes_to_its_default(rig: Rig) -> None:
+def test_what_a_client_holds_without_a_heartbeat_goes_to_its_default(rig: Rig) -> None:
     rig.do("write", "heater", 5.0)
     for _ in range(5):
         rig.periods(40)
@@ -404,7 +404,7 @@ def test_an_interlock_takes_the_actuator_out_of_the_client(rig: Rig) -> None:
 def test_what_a_dead_client_held_ends_after_its_time_and_a_period_however_long_that_is(
     what: str, period: float, lived: float
 ) -> None:
-    """It wrote, lived on for so many periods, giving signs of life, and died. The machine looks once a period; the
+    """It wrote, lived on for so many periods, sending heartbeats, and died. The machine looks once a period; the
     signs come at any time."""
     with Rig(period=period) as rig:
         rig.do("lease", seconds=2.0)
@@ -447,7 +447,7 @@ WRONG = [float("nan"), float("inf"), float("-inf"), -1.0, 0.0, BOOT - 1.0, BOOT 
 
 
 @pytest.mark.parametrize(("lease", "seen"), [*((1, seen) for seen in WRONG), (0, None), (2, None), (2**64 - 1, None)])
-def test_a_sign_of_life_of_a_wrong_time_or_another_lease_keeps_nothing_up(lease: int, seen: float | None) -> None:
+def test_a_heartbeat_of_a_wrong_time_or_another_lease_keeps_nothing_up(lease: int, seen: float | None) -> None:
     with Rig(period=0.1) as rig:
         rig.do("lease")
         written = rig.now
@@ -882,7 +882,7 @@ def test_an_interlock_that_does_not_latch_refuses_no_acknowledgement() -> None:
             assert (done.state, done.text) == (CommandState.DONE, text)
 
 
-def test_a_jog_ends_without_a_sign_of_life(rig: Rig) -> None:
+def test_a_jog_ends_without_a_heartbeat(rig: Rig) -> None:
     rig.call("jog", velocity=2.0)
     rig.periods(int(DEAD_MAN_TIME / PERIOD) - 2)
     assert rig.m.jogging == 2.0

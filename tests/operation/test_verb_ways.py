@@ -140,7 +140,7 @@ def test_every_way_has_the_same_answers(name: str, mode: Mode) -> None:
 
 
 def check_without_lease(name: str, mode: Mode, lease: str, refusal: str) -> None:
-    """With each role every verb but the stop is refused: for want of the role, of signs of life, or of the lease."""
+    """With each role every verb but the stop is refused: for want of the role, of heartbeats, or of the lease."""
     if name == "fleet":
         pytest.importorskip("zenoh", reason="the extra fleet is not installed")
     way = WAYS[name]

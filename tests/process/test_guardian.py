@@ -343,7 +343,7 @@ def test_a_control_process_stops_after_a_gap_without_a_guardian_or_when_asked(
     assert bool(stopped) is stops
 
 
-def test_a_look_of_the_guardians_beside_a_late_sign_of_life_takes_no_excuse_away(
+def test_a_look_of_the_guardians_beside_a_late_heartbeat_takes_no_excuse_away(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Looked(Found):
@@ -489,14 +489,14 @@ IDLE = cast(ProcessorShare, OfShare())
 
 
 class Time:
-    """The clock of the signs of life, which goes on by the guardian's looks only."""
+    """The clock of the heartbeats, which goes on by the guardian's looks only."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 10**12
         monkeypatch.setattr(calls, "boottime_ns", lambda: self.now)
 
     def hung_after(self, silence: HangDetector, every: float, most: int = 100) -> tuple[str, float]:
-        """What is known, and after how many s, of a process that gives no sign of life; looks come `every` s."""
+        """What is known, and after how many s, of a process that sends no heartbeat; looks come `every` s."""
         for look in range(1, most + 1):
             self.now += int(every * 1e9)
             if hung := silence.look():

@@ -1,4 +1,4 @@
-"""A guardian that waits for another process gives its signs of life meanwhile, even if that one cannot be killed."""
+"""A guardian that waits for another process sends its heartbeats meanwhile, even if that one cannot be killed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from umo.wiring import resolve
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 MAX_SILENCE = 0.05
-"""s between two signs of life of a guardian that waits; others wait 0.5 s at least."""
+"""s between two heartbeats of a guardian that waits; others wait 0.5 s at least."""
 
 
 class Blocked(processes.Child):
@@ -114,7 +114,7 @@ WAITS: dict[str, tuple[Callable[[Guarding], Any], float]] = {
 
 
 @pytest.mark.parametrize("process", WAITS)
-def test_a_guardian_that_waits_for_a_process_that_cannot_be_killed_gives_its_signs_of_life(
+def test_a_guardian_that_waits_for_a_process_that_cannot_be_killed_sends_its_heartbeats(
     guarding: Guarding, process: str
 ) -> None:
     wait, at_least = WAITS[process]
@@ -129,7 +129,7 @@ def test_a_guardian_that_waits_for_a_process_that_cannot_be_killed_gives_its_sig
 def test_a_guardian_that_waits_for_a_process_that_cannot_be_killed_stays_the_guardian(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The standby guardian waits 0.5 s for its signs of life."""
+    """The standby guardian waits 0.5 s for its heartbeats."""
     monkeypatch.setattr(reset, "DEATH_TIMEOUT", 2.0)
     send, now = processes.Child.send, tmp_path / "now"
     monkeypatch.setattr(processes.Child, "send", lambda child, number: now.exists() or send(child, number))

@@ -127,7 +127,7 @@ def look_until(share: ProcessorShare, reached: Callable[[], bool], most: int = 5
 
 
 @needs_fifo
-def test_a_control_process_that_works_for_long_gives_way_until_its_next_sign_of_life(spinning) -> None:
+def test_a_control_process_that_works_for_long_gives_way_until_its_next_heartbeat(spinning) -> None:
     pid = spinning(max(os.sched_getaffinity(0)), 10, "spin").pid
     share = ProcessorShare(ProcessHandle(pid), None, lambda text: None)
     look_until(share, lambda: os.sched_getscheduler(pid) == os.SCHED_OTHER)

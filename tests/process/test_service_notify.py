@@ -38,7 +38,7 @@ FOR_EVER += "    await until(lambda: False)\n"
 
 
 class Supervisor:
-    """A service manager of the test's own: it reads messages, and kills a run that gives no sign of life."""
+    """A service manager of the test's own: it reads messages, and kills a run that sends no heartbeat."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -62,7 +62,7 @@ class Supervisor:
         raise AssertionError(f"no {text} among {self.told}")
 
     def starves(self, watchdog: float) -> bool:
-        """Whether no sign of life comes for this many s; False when the service says that it stops."""
+        """Whether no heartbeat comes for this many s; False when the service says that it stops."""
         while message := self.receive(watchdog):
             if notify.STOPPING in message:
                 return False
@@ -145,7 +145,7 @@ def messages(supervisor: Supervisor) -> list[str]:
     return list(iter(supervisor.receive, ""))
 
 
-def test_a_sign_of_life_is_passed_on_only_if_a_new_one_came(supervisor: Supervisor) -> None:
+def test_a_heartbeat_is_passed_on_only_if_a_new_one_came(supervisor: Supervisor) -> None:
     state, time = RunState(), Time()
     report = ServiceReport(ServiceManager(supervisor.address, 10.0), state, lambda: None, time)
     report.look()
@@ -161,7 +161,7 @@ def test_a_sign_of_life_is_passed_on_only_if_a_new_one_came(supervisor: Supervis
     assert messages(supervisor) == [notify.ALIVE]
     time.now += 5.0
     report.look()
-    assert messages(supervisor) == []  # no new sign of life
+    assert messages(supervisor) == []  # no new heartbeat
     state.beat()
     report.look()
     assert messages(supervisor) == [notify.ALIVE]
@@ -264,7 +264,7 @@ def test_a_run_tells_that_it_runs_how_that_it_lives_and_that_it_stops(tank: Path
 def test_a_supervisor_starves_when_the_guardians_are_stopped_and_its_stop_resets_the_machine(
     tank: Path, supervisor: Supervisor
 ) -> None:
-    """Stopped by a signal, neither the guardian nor the standby guardian passes signs of life on."""
+    """Stopped by a signal, neither the guardian nor the standby guardian passes heartbeats on."""
     with run(tank, {notify.SOCKET: supervisor.address, notify.WATCHDOG: "1000000"}) as process:
         supervisor.until(notify.ALIVE)
         children = processes_of(process.pid)

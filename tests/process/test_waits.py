@@ -118,7 +118,7 @@ def test_a_process_that_has_to_wait_for_a_processor_is_not_taken_for_a_stopped_o
     if pid == 0:
         os._exit(0)
     assert os.waitpid(pid, 0)[1] == 0
-    assert len(looks) >= 3  # the guardian has given signs of life meanwhile
+    assert len(looks) >= 3  # the guardian has sent heartbeats meanwhile
 
 
 def test_nobody_waits_for_a_process_to_begin_when_the_control_process_has_died(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -83,8 +83,8 @@ CASES = [
     Case("a stop, 1 client", partial(client_protocols.stop, clients=1, named=True), machines=(Tso,), quick=True),
     Case("a stop, 2 clients", client_protocols.stop),
     Case("a stop, 2 clients and 2 readers", partial(client_protocols.stop, readers=2), machines=(Tso,)),
-    Case("signs of life", client_protocols.signs),
-    Case("signs of life, 2 readers", partial(client_protocols.signs, readers=2), machines=(Tso,)),
+    Case("heartbeats", client_protocols.signs),
+    Case("heartbeats, 2 readers", partial(client_protocols.signs, readers=2), machines=(Tso,)),
     Case("commands, 1 client", partial(client_protocols.commands, ("a1", "a2"), ()), quick=True),
     Case(
         "commands of 1 client without waits",

@@ -1,4 +1,4 @@
-"""What clients write for the machine: commands, a request to stop, signs of life."""
+"""What clients write for the machine: commands, a request to stop, heartbeats."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def recorded_commands() -> Model:
     )
 
 
-# A request to stop, and signs of life ---------------------------------------------------------------------
+# A request to stop, and heartbeats ---------------------------------------------------------------------
 # src/umo/process/frames/client_memory.py ClientMemory. Writers: any number of clients, without a lock.
 
 ASKED = [(15, "ann, the page of a browser".ljust(NAME, ".")), (2, "bob, a program of his own".ljust(NAME, "."))]
@@ -187,7 +187,7 @@ def stop(clients: int = 2, readers: int = 1, named: bool = False) -> Model:
 
 
 def signs(readers: int = 1) -> Model:
-    """Two leases, each with a client that gives signs of life; the one before goes on with it until it sees that its
+    """Two leases, each with a client that sends heartbeats; the one before goes on with it until it sees that its
     lease has ended."""
     times = {1: [1_000_000_000, 3_000_000_000], 2: [2_000_000_000, 4_000_000_000]}
 
@@ -201,7 +201,7 @@ def signs(readers: int = 1) -> Model:
     def look(memory: Access, _: Any) -> Any:
         found = _client_memory(memory).signed("", 2)
         demand(
-            found in (0.0, *(time * 1e-9 for time in times[2])), f"a sign of life at {found} s is that of another lease"
+            found in (0.0, *(time * 1e-9 for time in times[2])), f"a heartbeat at {found} s is that of another lease"
         )
         return None
 

@@ -236,7 +236,7 @@ MUTANTS = [
         (Tso,),
     ),
     Mutant("events: no checksum", [Edit(Reader, "events", ("if self._checked:", "if False:"))], _events(True), WEAK),
-    # a stop, signs of life
+    # a stop, heartbeats
     Mutant(
         "a stop: asked for before it is said who asks",
         [
@@ -261,7 +261,7 @@ MUTANTS = [
         quick=False,
     ),
     Mutant(
-        "signs of life: the number of the lease and the time do not depend on one another",
+        "heartbeats: the number of the lease and the time do not depend on one another",
         [
             Edit(ClientMemory, "sign", ("lease ^ now, now", "lease, now")),
             Edit(ClientMemory, "signed", ("self.words[at] ^ now == lease", "self.words[at] == lease")),

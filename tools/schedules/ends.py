@@ -28,7 +28,7 @@ class Times:
 
     @property
     def watch_timeout(self) -> float:
-        """That of a guardian's signs of life."""
+        """That of a guardian's heartbeats."""
         return max(self.hang_timeout, 0.5)
 
     @property

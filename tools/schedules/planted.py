@@ -67,7 +67,7 @@ PLANTED = (
     Planted("the control process is not watched for silence", GUARDIAN,
             "if hung := silence.look():", 'if hung := "":',
             by=ROWS["control stopped"]),
-    Planted("the guardian gives no sign of life", GUARDIAN,
+    Planted("the guardian sends no heartbeat", GUARDIAN,
             "            self._run_state.watch()\n            self._look_around()", "            self._look_around()",
             by="0 long:"),
     Planted("the guardian does not listen", GUARDIAN,
@@ -173,7 +173,7 @@ PLANTED = (
             "if self._run_state.gone(ADMISSION_INTERVAL, Who.GUARDIAN) or "
             "self._run_state.unwatched > ADMISSION_TIMEOUT:",
             "if calls.sleep(0.001) or self._run_state.unwatched > ADMISSION_TIMEOUT:",
-            "the limit of its signs of life; the next fault has neither"),
+            "the limit of its heartbeats; the next fault has neither"),
     Planted("control waits for admission for ever", CONTROL,
             "            if self._run_state.gone(ADMISSION_INTERVAL, Who.GUARDIAN) or "
             "self._run_state.unwatched > ADMISSION_TIMEOUT:\n"

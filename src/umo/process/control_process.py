@@ -159,11 +159,11 @@ class Control:
         self._stands_in = True
         self._run_end.title = "control process"
         self._run_end.resetter.hand_over()
-        outcome = self._run_end.settle(self._gives_sign_of_life, outcome, lambda text: None)
+        outcome = self._run_end.settle(self._sends_heartbeat, outcome, lambda text: None)
         self.report(outcome)
         return outcome
 
-    def _gives_sign_of_life(self) -> bool:
+    def _sends_heartbeat(self) -> bool:
         """Give a heartbeat, and return True: this process lives and may still use a device."""
         self._run_state.beat()
         return True
@@ -241,7 +241,7 @@ class Control:
 
     def _guardian_lost(self) -> bool:
         """True if the guardian has ended or hangs. After the whole computer stood still it needs a moment for its next
-        sign of life."""
+        heartbeat."""
         until = calls.now() + RESUMING_TIMEOUT
         while not self.orphaned and self._run_state.unwatched > self._unwatched_limit:
             if calls.now() > until:
@@ -341,7 +341,7 @@ class Control:
         """Give a heartbeat, and check whether this process was suspended, was requested to stop, or has lost its
         guardian. Called in each period."""
         run_state = self._run_state
-        excused = run_state.excused  # first: a look of the guardian's that sees the new sign of life ends it
+        excused = run_state.excused  # first: a look of the guardian's that sees the new heartbeat ends it
         gap = run_state.beat()
         if gap > self._gap and (gap > self._watchdog or gap - min(excused, self._most_excused) > self._hang):
             self._stop(

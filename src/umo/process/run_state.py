@@ -121,7 +121,7 @@ class RunState:
 
     def _not_holding(self, pid: int, held: int) -> str:
         """Wait until a child holds its lock and closes its end of the pipe, or is dead, and return "". Otherwise return
-        why it is no longer waited for. The waiting guardian gives signs of life."""
+        why it is no longer waited for. The waiting guardian sends heartbeats."""
         begun = able = calls.now()
         while not calls.ready(held, FORK_LOOK_INTERVAL, 0):
             self.watch()

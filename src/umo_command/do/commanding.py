@@ -159,7 +159,7 @@ def arguments_of(action: dict[str, Any], words: Sequence[str]) -> dict[str, Any]
 
 
 def hold_until(lease: HeldLease, path: str, seconds: float | None) -> int:
-    """Hold the actuator while the thread of the lease gives signs of life. Raises CommandRefused as soon as the machine
+    """Hold the actuator while the thread of the lease sends heartbeats. Raises CommandRefused as soon as the machine
     ends the hold. Return the exit status. It is that of Ctrl-C if Ctrl-C comes before the end of `seconds`, otherwise
     0."""
     if seconds is None:

@@ -39,7 +39,7 @@ IMPORT_TIME = 60.0
 """Time in s for the imports when a station starts."""
 MIN_WATCHDOG = 10.0
 WATCHDOG_LIMITS = 8
-"""The time of systemd's watchdog, as a multiple of the control process's hang limit. When a sign of life is passed on,
+"""The time of systemd's watchdog, as a multiple of the control process's hang limit. When a heartbeat is passed on,
 it may be as old as half of the watchdog's time. The guardian itself needs up to three hang limits to detect a hang."""
 HARDENING = {
     "NoNewPrivileges": "yes",
@@ -146,7 +146,7 @@ class ServiceUnit:
 
 
 def watchdog(wired: Wired) -> int:
-    """Return the time in s without a sign of life after which the manager asks the service to stop."""
+    """Return the time in s without a heartbeat after which the manager asks the service to stop."""
     return math.ceil(max(MIN_WATCHDOG, WATCHDOG_LIMITS * wired.process.hang_timeout))
 
 

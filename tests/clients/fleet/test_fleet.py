@@ -177,7 +177,7 @@ def test_one_client_has_the_lease_until_it_is_gone_and_what_it_held_ends_with_it
         assert values(ann)["cell.valve"] == 5.0 or await until(lambda: values(ann)["cell.valve"] == 5.0)
         with pytest.raises(LeaseHeld, match="ann"):
             await asyncio.to_thread(bob.lease("bob").__enter__)
-        await asyncio.to_thread(ann.reader.close)  # as a client that dies: no sign of life comes any more
+        await asyncio.to_thread(ann.reader.close)  # as a client that dies: no heartbeat comes any more
         await until(lambda: values(bob)["cell.valve"] == 0.0)
         taken = bob.lease("bob")
         await asyncio.to_thread(taken.__enter__)

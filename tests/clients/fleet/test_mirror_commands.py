@@ -149,7 +149,7 @@ def test_a_second_client_of_a_mirror_is_refused_the_lease_until_the_first_is_gon
     assert answer_to("bob", "tune") == answer_to("bob", "lease") == "LeaseHeld: ann has the lease"
     assert answer_to("bob", "lease", over=True) == "1"
     assert answer_to("ann", "tune") == "LeaseHeld: bob has the lease"
-    station.cells.signed = lambda path, lease: 0.0  # bob gives no sign of life any more
+    station.cells.signed = lambda path, lease: 0.0  # bob sends no heartbeat any more
     now[0] += 10.0
     commands.look()
     assert answer_to("ann", "tune") == "CommandRefused: nobody has the lease; take it first"

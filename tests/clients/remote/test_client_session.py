@@ -102,7 +102,7 @@ def test_a_client_that_is_lost_at_any_step_of_a_command_leaves_nothing_and_bars_
 
 
 @pytest.mark.parametrize("name", ["write", "jog"])
-def test_what_is_held_lasts_as_long_as_its_client_gives_signs_of_life_and_no_longer(name: str) -> None:
+def test_what_is_held_lasts_as_long_as_its_client_gives_heartbeats_and_no_longer(name: str) -> None:
     do = "call" if name in CALLS else name
     path, fields = (COMMANDS | CALLS)[name]
     with client_world() as world:

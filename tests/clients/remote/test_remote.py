@@ -78,7 +78,7 @@ def test_commands_come_in_the_order_in_which_they_were_sent(queue: Queue) -> Non
     assert (queue.receiver.taken, queue.receiver.dropped) == (5 * SLOTS, 0)
 
 
-def test_a_full_queue_refuses_after_a_while_and_delays_neither_a_stop_nor_signs_of_life(
+def test_a_full_queue_refuses_after_a_while_and_delays_neither_a_stop_nor_heartbeats(
     queue: Queue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("umo.process.frames.command_queue.SEND_TIMEOUT", 0.01)

@@ -249,7 +249,7 @@ def check_operated(seed: int) -> set[str]:
 
 
 @pytest.mark.full
-def test_a_replay_repeats_what_clients_did_and_what_ended_without_a_sign_of_life() -> None:
+def test_a_replay_repeats_what_clients_did_and_what_ended_without_a_heartbeat() -> None:
     told = check_operated(4) | check_operated(9)
     assert DEAD_MAN_REASON in told and any(text.endswith(NOT_RENEWED) for text in told)
 

@@ -20,7 +20,7 @@ from umo.testing.conformance import Certificate, Judgement, all_rules, conform, 
 ENOUGH_TO_GROW = 300
 HANGING = 1.0
 """s after which a call counts as hanging: it costs this time only where it hangs."""
-SIGNS_OF_LIFE = (
+HEARTBEATS = (
     "two channels of a block are exchanged",
     "readings above 127 are negative",
     "a refused write to an input is what it reads from then on",
@@ -127,7 +127,7 @@ def test_there_are_more_than_a_hundred_broken_drivers_for_all_rules_that_a_drive
 
 
 @pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("words", SIGNS_OF_LIFE)
+@pytest.mark.parametrize("words", HEARTBEATS)
 def test_a_rule_that_is_broken_fails(words: str) -> None:
     mutant = MUTANTS[words]
     certificate = tried(mutant.driver(), mutant.cycles, [mutant.rule])

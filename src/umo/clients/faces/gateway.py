@@ -182,7 +182,7 @@ class Gateway:
         return asyncio.get_running_loop().run_in_executor(SENDER, send)
 
     def _send_on(self, do: str, path: str, who: str, **more: Any) -> None:
-        """Send a command without waiting for it, because signs of life must not wait for a full queue."""
+        """Send a command without waiting for it, because heartbeats must not wait for a full queue."""
         sending = self._send(self._session.asking(do, path, who=who, **more))
         sending.add_done_callback(lambda sent: sent.cancelled() or sent.exception())
 
@@ -199,7 +199,7 @@ class Gateway:
             await self._carry_out(asked)
 
     async def _keep(self) -> None:
-        """Give signs of life for the lease, and for the holds of clients that are alive. Return the lease after it has
+        """Send heartbeats for the lease, and for the holds of clients that are alive. Return the lease after it has
         not been used for `LINGER` s."""
         while True:
             if self._session.has_lease:

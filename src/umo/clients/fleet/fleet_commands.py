@@ -6,8 +6,8 @@ number of this command in the machine's events. The last answer is `{"result": .
 
 A command is carried out once. If it arrives again, because the network or somebody else has copied it, the answer is
 that of the first one. Numbers are remembered for longer than a command may be valid. A command that was sent before the
-gateway began is refused, because it may already have been carried out. A client's holds last while the client gives
-signs of life at `umo/SITE/STATION/sign/USER/CLIENT`.
+gateway began is refused, because it may already have been carried out. A client's holds last while the client sends
+heartbeats at `umo/SITE/STATION/sign/USER/CLIENT`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ REMEMBERED = 3 * LONGEST_VALID
 CLOCK_ERROR = 1.0
 """Largest accepted difference of two clocks in s."""
 SIGN_TIMEOUT = 1.0
-"""Time in s without a sign of life after which the holds of a client are released."""
+"""Time in s without a heartbeat after which the holds of a client are released."""
 MAX_BYTES = 4096
 """Largest length of a command in bytes."""
 MAX_REMEMBERED, MAX_REMEMBERED_OF_USER = 20_000, 4_000

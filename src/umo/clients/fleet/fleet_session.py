@@ -33,7 +33,7 @@ NEARBY = "tcp/127.0.0.1:0"
 LINK_LEASE = 2000
 """Time in ms after which a computer that does not answer counts as disconnected."""
 KEEP_ALIVES = 4
-"""Number of signs of life within `LINK_LEASE`."""
+"""Number of heartbeats within `LINK_LEASE`."""
 CONNECT_TIME = 3000
 """Time in ms within which a router must answer at the start. Later the router may be unreachable for any time."""
 RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}

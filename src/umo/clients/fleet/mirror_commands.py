@@ -32,7 +32,7 @@ LONGEST_WAIT = 86_400.0
 EVENT_WAIT = 0.2
 """Longest time in s from the machine's answer to the machine's event."""
 SIGN_PAUSE = 0.1
-"""Time in s from one sign of life to the next."""
+"""Time in s from one heartbeat to the next."""
 
 
 class MirrorCommands:
@@ -180,7 +180,7 @@ class MirrorCommands:
         self._ended.add(number)
 
     def _sign(self, now: float) -> None:
-        """Pass on the signs of life, and release the actuators that a client on this computer no longer holds."""
+        """Pass on the heartbeats, and release the actuators that a client on this computer no longer holds."""
         cells, lease = self._ring.cells, self._lease
         lease.renew(signed := cells.signed("", lease.number), now)
         if lease.expired(now):

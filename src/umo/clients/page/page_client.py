@@ -1,6 +1,6 @@
 """The client of an open page: its commands, its lease, and its holds, which last while the page is open.
 
-A page gives signs of life (touches): it answers each state that it receives with the list of its holds. Without a touch
+A page sends heartbeats (touches): it answers each state that it receives with the list of its holds. Without a touch
 the holds are released, and later its lease ends. When the page is closed, both happen immediately.
 """
 
@@ -60,7 +60,7 @@ class PageClient:
             raise FramesError(f"{watched.name}: it takes no commands")
         self._session = LoopSession(watched.reader.again())
         self._holds: set[str] = set()
-        """The holds of the page at its last sign of life."""
+        """The holds of the page at its last heartbeat."""
         self._touched = 0.0
         self._following: dict[asyncio.Task[None], PendingCommand] = {}
         """Commands that have not ended yet."""
@@ -131,7 +131,7 @@ class PageClient:
     # The lease -----------------------------------------------------------------------------------------
 
     def touch(self, held: list[str], number: int) -> None:
-        """Record a sign of life of the page, with the state that it answers and the page's holds. A touch with an old
+        """Record a heartbeat of the page, with the state that it answers and the page's holds. A touch with an old
         state is ignored, because it shows that the connection is slow."""
         if self.watched.number - number > MAX_STATES_BEHIND:
             return
@@ -150,7 +150,7 @@ class PageClient:
         return self._silent < TOUCH_TIME and (path in self._holds or is_new)
 
     async def _keep(self) -> None:
-        """Renew the lease, and give signs of life for the holds of the page, as long as the page sends touches."""
+        """Renew the lease, and send heartbeats for the holds of the page, as long as the page sends touches."""
         while not self._ended:
             if self._silent < LEASE_TIME:
                 self._session.keep()

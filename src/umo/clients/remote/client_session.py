@@ -28,11 +28,11 @@ from umo.process.frames.client_memory import LEASE, ClientMemory
 from umo.process.frames.command_queue import Sender
 
 LEASE_TIME = 2.0
-"""Time in s for which a lease lasts without a sign of life."""
+"""Time in s for which a lease lasts without a heartbeat."""
 ANSWER_TIMEOUT = 5.0
 """Time in s within which the machine must accept a command; five periods if they are longer."""
-SIGNS_OF_LIFE = 5
-"""Number of signs of life that a client gives within the dead-man time of a hold."""
+HEARTBEATS = 5
+"""Number of heartbeats that a client sends within the dead-man time of a hold."""
 CHANGE_NOTHING = RangeError, StateError
 """Errors of a refused command after which an earlier hold continues."""
 
@@ -43,7 +43,7 @@ class Hold:
 
     who: str
     lasts: float
-    """Time in s without a sign of life after which the machine ends the hold."""
+    """Time in s without a heartbeat after which the machine ends the hold."""
     next: int
     """Number of the next event that may report the end of the hold."""
     is_alive: Callable[[], bool]
@@ -115,7 +115,7 @@ class ClientSession:
         self._open_cells().ask_to_stop(signal.SIGTERM, who)
 
     def lasts(self, do: str, path: str) -> float | None:
-        """Return the time in s for which the effect of a command lasts without a sign of life, or None if the effect
+        """Return the time in s for which the effect of a command lasts without a heartbeat, or None if the effect
         needs none."""
         verb = VERBS.get(do)
         if verb is None or not (verb.is_kept_up or (verb.of_action and path in self._dead_man)):
@@ -144,7 +144,7 @@ class ClientSession:
     # Life ----------------------------------------------------------------------------------------------
 
     def keep(self) -> None:
-        """Give signs of life for the lease, and for the holds of living clients. Call this at least once in `pause`."""
+        """Send heartbeats for the lease, and for the holds of living clients. Call this at least once in `pause`."""
         if self.has_lease:
             held = list(self.held.items())
             self.sign(LEASE, *(path for path, hold in held if not self.ended(path) and hold.is_alive()))
@@ -152,10 +152,10 @@ class ClientSession:
     @property
     def pause(self) -> float:
         """Longest time in s from one call of `keep` to the next."""
-        return min([DEAD_MAN_TIME, self._seconds, *(hold.lasts for hold in list(self.held.values()))]) / SIGNS_OF_LIFE
+        return min([DEAD_MAN_TIME, self._seconds, *(hold.lasts for hold in list(self.held.values()))]) / HEARTBEATS
 
     def sign(self, *paths: str) -> None:
-        """Give a sign of life for the holds at these paths ("" for the lease). A run that has just ended does not need
+        """Send a heartbeat for the holds at these paths ("" for the lease). A run that has just ended does not need
         it."""
         with suppress(FramesError):
             cells, now = self._open_cells(), self.clock()
@@ -194,7 +194,7 @@ class LoopSession(ClientSession):
         super().__init__(reader, self._woken.set)
 
     async def pass_pause(self) -> None:
-        """Wait until the next sign of life is due, or a hold begins."""
+        """Wait until the next heartbeat is due, or a hold begins."""
         with suppress(TimeoutError):
             async with asyncio.timeout(self.pause):
                 await self._woken.wait()

@@ -176,7 +176,7 @@ class HeldLease:
         return "the lease has ended" if session.running else f"{session.reader.about['station']} has ended"
 
     def _keep(self) -> None:
-        """Give signs of life until the block ends, or the lease is lost."""
+        """Send heartbeats until the block ends, or the lease is lost."""
         session, wake = self._station.session, self._station.wake
         with suppress(FramesError):  # the station has just ended
             while not (self._ended or self.lost):

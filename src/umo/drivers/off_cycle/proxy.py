@@ -102,7 +102,7 @@ class OffCycle(Wrapper):
             if worker.is_gone() and (answer := self.exchange.answered(number)) is None:
                 raise DeviceTimeout("its worker process has ended")
             if worker.silence() > limit:
-                raise DeviceTimeout(f"its worker process gives no sign of life for {limit:g} s")
+                raise DeviceTimeout(f"its worker process sends no heartbeat for {limit:g} s")
             self.pause(LOOK_INTERVAL)
         return answer
 

@@ -58,7 +58,7 @@ class _Held:
     command: ClientCommand
     lasts: float
     signed: float
-    """The time of the last sign of life for it, in s on the clock of the clients."""
+    """The time of the last heartbeat for it, in s on the clock of the clients."""
     part: Atomic | Compound
     """The object whose action it is, or the actuator."""
     release: Callable[[], object] | None = None
@@ -96,8 +96,8 @@ class ClientActions:
     def begin(
         self, command: ClientCommand, action: Action, arguments: Mapping[str, Any], signed: float
     ) -> tuple[CommandState, str]:
-        """Call an action, and return the answer. An action with a release is held. `signed`: the time of the last sign
-        of life for the action."""
+        """Call an action, and return the answer. An action with a release is held. `signed`: the time of the last
+        heartbeat for the action."""
         if len(self._running) >= MAX_ACTIONS:
             raise CommandRefused(f"{MAX_ACTIONS} actions are already running")
         begun, path = self._new(command, action.part), action.path
@@ -129,8 +129,8 @@ class ClientActions:
         release: Callable[[], object] | None = None,
         slot: int = -1,
     ) -> None:
-        """Put the object at the path of the command under dead-man control: the hold ends `lasts` s after the last sign
-        of life. `part`: the object of the action with the method that ends the action, or the actuator with its
+        """Put the object at the path of the command under dead-man control: the hold ends `lasts` s after the last
+        heartbeat. `part`: the object of the action with the method that ends the action, or the actuator with its
         slot."""
         before = self._held.get(command.path)
         if before is not None:
@@ -168,7 +168,7 @@ class ClientActions:
     # In each period ------------------------------------------------------------------------------------
 
     def end_unsigned(self, signed: Mapping[str, float], now: float) -> None:
-        """End holds without a sign of life. `signed`: the times of the last signs so far, by path."""
+        """End holds without a heartbeat. `signed`: the times of the last signs so far, by path."""
         claims = self._machine.claims
         lapsed: list[str] = []
         reset: dict[str, list[_Held]] = {}

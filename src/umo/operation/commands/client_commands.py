@@ -14,12 +14,12 @@ from umo.errors import CommandRefused, LeaseHeld
 from umo.text import NamedNumber
 
 DEAD_MAN_TIME = 0.5
-"""The time in s without a sign of life after which a written actuator goes to its default or a jog ends. It is shorter
+"""The time in s without a heartbeat after which a written actuator goes to its default or a jog ends. It is shorter
 if the actuator expires sooner."""
 DEAD_MAN_REASON = "dead-man timeout"
 """The reason in the event of such an end."""
 NOT_RENEWED = "was not renewed"
-"""The last words of the event about the end of a lease whose holder gave no sign of life."""
+"""The last words of the event about the end of a lease whose holder sent no heartbeat."""
 
 
 class Mode(NamedNumber):
@@ -91,7 +91,7 @@ class Levels(Protocol):
         """The stop signal that was requested, and the client that requested it, or None if there is no request."""
 
     def signed(self, path: str, lease: int) -> float:
-        """Return the time of the last sign of life of the holder of this lease for its hold at this path, in s on the
+        """Return the time of the last heartbeat of the holder of this lease for its hold at this path, in s on the
         clock of the clients; "" stands for the lease itself. 0 means never. Any number is possible, because clients
         write it."""
 
@@ -101,7 +101,7 @@ SHORTEST_LEASE, LONGEST_LEASE = 0.2, 60.0
 
 
 class Lease:
-    """The lease. Times are in s on the clock of the holder's signs of life. The lease ends if there is no sign of life
+    """The lease. Times are in s on the clock of the holder's heartbeats. The lease ends if there is no heartbeat
     for too long."""
 
     def __init__(self) -> None:
@@ -132,7 +132,7 @@ class Lease:
             raise LeaseHeld(f"{self.holder} has the lease")
 
     def renew(self, then: float, now: float) -> None:
-        """Note a sign of life of the holder at a given time. A time in the future does not count."""
+        """Note a heartbeat of the holder at a given time. A time in the future does not count."""
         if self._signed < then <= now:
             self._signed = then
 

@@ -4,11 +4,11 @@ Once per period, before the sequences, `look` takes the commands that have arriv
 invalid command is refused, and a failure is reported in the answer. In automatic mode the application runs, numbers can
 be tuned, and harmless actions can be called. In manual mode the application is suspended
 (`umo.operation.commands.suspension`); actuators can be written, and all actions can be called. A hold of a client (a
-written actuator, a jog) is under dead-man control: it ends when the client gives no sign of life for it, or loses the
+written actuator, a jog) is under dead-man control: it ends when the client sends no heartbeat for it, or loses the
 lease.
 
-Signs of life and a stop are levels, not commands: they are read in each period, even if the queue is full. The times of
-signs of life are compared with the computer's clock, even in a long period.
+Heartbeats and a stop are levels, not commands: they are read in each period, even if the queue is full. The times of
+heartbeats are compared with the computer's clock, even in a long period.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ COMMANDS_PER_PERIOD = 4
 
 class ClientControl(Commanded):
     """The part of one connected machine that carries out commands, by `umo.operation.commands.verbs`. `clock`: the
-    clock of the signs of life, in s."""
+    clock of the heartbeats, in s."""
 
     def __init__(
         self,
@@ -106,9 +106,9 @@ class ClientControl(Commanded):
             self.machine.events.add(Event(now, "", "", self.stopped_by, state=CommandState.DONE, asked=STOP.name))
 
     def _look_for_life(self) -> None:
-        """End holds without a sign of life, and a lease whose holder gives none."""
+        """End holds without a heartbeat, and a lease whose holder sends none."""
         signed = {path: self.levels.signed(path, self.lease.number) for path in ("", *self.actions.held)}
-        now = self.clock()  # afterwards: no sign of life is of a later time, but a wrong one
+        now = self.clock()  # afterwards: no heartbeat is of a later time, but a wrong one
         self.lease.renew(signed[""], now)
         if self.lease.expired(now):
             why = f"the lease of {self.lease.holder} has ended, because it {NOT_RENEWED}"

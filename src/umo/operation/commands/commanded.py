@@ -37,7 +37,7 @@ BEGUN: VerbAnswer = CommandState.BEGUN, ""
 
 
 class Commanded(Commanding):
-    """A connected machine that clients command. `clock`: the clock of the signs of life, in s."""
+    """A connected machine that clients command. `clock`: the clock of the heartbeats, in s."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class Commanded(Commanding):
             )
 
     def last_sign(self, path: str, lasts: float) -> float:
-        """Return the time of the last sign of life for the hold of a command. Raises CommandRefused if this time is too
+        """Return the time of the last heartbeat for the hold of a command. Raises CommandRefused if this time is too
         long ago, because in a long period the client may have died after it sent the command."""
         signed = self.levels.signed(path, self.lease.number)
         if not 0.0 <= self.clock() - signed <= lasts:

@@ -146,7 +146,7 @@ class Verb:
     of_many: bool = False
     """True if the command may concern the whole machine. Only one such command is carried out in a period."""
     is_kept_up: bool = False
-    """True if the effect lasts only while the client gives signs of life. For an action, the declaration of the action
+    """True if the effect lasts only while the client sends heartbeats. For an action, the declaration of the action
     decides this."""
     lasts: bool = False
     """True if the command may end in a later period than that in which it begins."""

@@ -7,7 +7,7 @@ machine checks everything that it reads, and at worst a command is dropped, or a
 Layout, little-endian: at `STOP` a request to stop, `STOP_MARK` plus the number of a signal; at `WHO` a text
 (`umo.system.shared_cells.SharedText`) with the signal's number and the requesting client, UTF-8, up to `NAME` bytes; at
 `HEAD` the number of commands written so far; from `QUEUE` on `SLOTS` commands of `SLOT` bytes each
-(`umo.process.frames.command_queue`); from `SIGNS` on the signs of life, 16 bytes each: the time of the last sign of the
+(`umo.process.frames.command_queue`); from `SIGNS` on the heartbeats, 16 bytes each: the time of the last sign of the
 holder of a lease, in ns of CLOCK_MONOTONIC, in the second word; the first word is this time XOR the number of the
 lease, so that words of two clients together are not a valid sign. The first sign belongs to the lease itself; then
 follow a sign for each object and a sign for each action, in the order of the frames' description.
@@ -30,7 +30,7 @@ STOP_MARK = 0x756D_6F53_746F_7000
 """The number that marks a request to stop, so that memory cannot contain a request by accident."""
 SIGNALS = {int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)}
 LEASE = ""
-"""The path of the lease's sign of life."""
+"""The path of the lease's heartbeat."""
 
 
 def size_of(layout: Layout) -> int:
@@ -75,17 +75,17 @@ class ClientMemory:
         who = found[1] if found is not None and found[0] == number else b""
         return number, printable(who.decode(errors="replace"))
 
-    # Signs of life -------------------------------------------------------------------------------------
+    # Heartbeats -------------------------------------------------------------------------------------
 
     def sign(self, path: str, lease: int, now: int) -> None:
-        """Give a sign of life of the holder of this lease, at a time in ns of CLOCK_MONOTONIC, for the hold at this
+        """Send a heartbeat of the holder of this lease, at a time in ns of CLOCK_MONOTONIC, for the hold at this
         path. A path without a cell is ignored."""
         at = self._signs.get(path)
         if at is not None:
             self.words[at], self.words[at + 1] = lease ^ now, now
 
     def signed(self, path: str, lease: int) -> float:
-        """Return the time of the last sign of life of the holder of this lease for this path, in s of CLOCK_MONOTONIC;
+        """Return the time of the last heartbeat of the holder of this lease for this path, in s of CLOCK_MONOTONIC;
         0 means never. A path without a cell, such as that of an experiment, uses the cell of the lease."""
         at = self._signs.get(path, self._signs[LEASE])
         now = self.words[at + 1]

@@ -1,8 +1,8 @@
 """Shrinks a run in closed loop: it finds the fewest faults, options and commands with which a station and its plant
 still give the same error.
 
-For each trial the station runs again with its plant, in virtual time, in a separate process. Clients always give signs
-of life.
+For each trial the station runs again with its plant, in virtual time, in a separate process. Clients always send
+heartbeats.
 """
 
 from __future__ import annotations

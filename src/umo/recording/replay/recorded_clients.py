@@ -1,6 +1,6 @@
 """The clients of a recorded run. Their commands arrive in the periods in which the recorded run took them.
 
-Signs of life are levels in shared memory and are not recorded, but the ends of leases and holds are in the events. A
+Heartbeats are levels in shared memory and are not recorded, but the ends of leases and holds are in the events. A
 lease or a hold that ended without an event ends by itself in the replay, too. All other ends have an event.
 """
 
@@ -43,16 +43,16 @@ class TapeInbox:
 
 
 class TapeLevels:
-    """The levels of the recording (`umo.operation.commands.client_commands.Levels`), and the clock of the signs of
-    life."""
+    """The levels of the recording (`umo.operation.commands.client_commands.Levels`), and the clock of the
+    heartbeats."""
 
     def __init__(self, player: Player, inbox: TapeInbox, events: Iterable[Any]) -> None:
         self._player, self._inbox = player, inbox
         self._ends: dict[float, set[str]] = {}
-        """The holds that ended because signs of life were missing: for the time in s of each period, the paths of these
+        """The holds that ended because heartbeats were missing: for the time in s of each period, the paths of these
         holds; "" stands for the lease."""
         self._refused: set[int] = set()
-        """The commands that were refused because their client gave no sign of life."""
+        """The commands that were refused because their client sent no heartbeat."""
         self._stops: dict[float, str] = {}
         """The users who have requested a stop, by the time in s."""
         self._looked = -1.0
@@ -82,7 +82,7 @@ class TapeLevels:
         return None if who is None else (signal.SIGTERM, who)
 
     def now(self) -> float:
-        """Return the clock of the signs of life in s. It jumps before a period in which a lease or a hold ends."""
+        """Return the clock of the heartbeats in s. It jumps before a period in which a lease or a hold ends."""
         time = self._time
         if time != self._looked:
             self._looked = time

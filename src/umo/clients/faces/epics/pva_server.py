@@ -24,7 +24,7 @@ from umo.system.peer_account import account_of, peer_uid
 BEGUN_AFTER = 1.0
 """Time in s after which a put that does not wait for completion is answered if the machine has not refused it."""
 SILENCE = 20
-"""Time in s after which a client that hangs counts as disconnected; its library gives a sign of life every 15 s."""
+"""Time in s after which a client that hangs counts as disconnected; its library sends a heartbeat every 15 s."""
 MAX_CHANNELS = 1000
 """Largest number of channels to variables that clients hold. Each client has a separate channel."""
 MAX_ASKED = 32

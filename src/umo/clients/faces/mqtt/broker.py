@@ -19,7 +19,7 @@ from umo.clients.faces.mqtt.broker_address import BrokerAddress, reason_of
 
 log = logging.getLogger("umo.faces")
 KEEPALIVE = 5
-"""Longest time in s between two signs of life of a client. After 1.5 times this time the broker declares the client
+"""Longest time in s between two heartbeats of a client. After 1.5 times this time the broker declares the client
 dead."""
 CONNECT_TIMEOUT = 2.0
 FIRST_PAUSE, MAX_PAUSE = 1, 8
