@@ -25,7 +25,7 @@ BASE_TIME, BASE_STEPS = 1.0, 20
 """The least time in s and the least number of steps for which the law is observed before the experiment."""
 MAX_IDLE_PERIODS = 3
 """The number of steps that the law can omit before it counts as switched off."""
-LONGEST = 86_400.0
+MAX_EXPERIMENT_TIME = 86_400.0
 """Longest time in s of an experiment."""
 WITHIN_SHARE = 0.1
 """The share of the sensor's range by which the measurement may move by default."""
@@ -75,7 +75,7 @@ class LoopExperiments:
         hysteresis=lambda each: Range(each.units, 0.0, inf),
         within=lambda each: Range(each.units, 0.0, inf),
         cycles=Range("", 2, 100),
-        duration=Range("s", 0.0, LONGEST),
+        duration=Range("s", 0.0, MAX_EXPERIMENT_TIME),
         release="end",
     )
     async def experiment(

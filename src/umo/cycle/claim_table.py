@@ -243,7 +243,7 @@ class Claims:
         self._restrict()
 
     def hold(self, fault: Inhibition) -> None:
-        """From now on allow only the defaults of the actuators of this inhibition, even if a client has taken the
+        """Allow only the defaults of the actuators of this inhibition from now on, even if a client has taken the
         actuators. No other fault may hold these actuators yet."""
         fault.held, fault.reason = True, fault.interlock.reason
         number = self._numbers.get(fault.reason, len(self._numbers))

@@ -64,9 +64,9 @@ class Columns:
         self.quality, self.restrictions = memory[ends[0] : ends[1]].reshape(NARROW, count)
         self.equipment, self.axes, self.alarms = np.split(memory[ends[1] :], [equipment, equipment + axes])
         self.written = np.zeros(count, np.uint8)
-        """For actuators: the bits that are set when control code has written them."""
+        """The bits of each actuator that are set when control code has written it."""
         self.owners = np.zeros(count, np.uint64)
-        """For actuators: the identity of the code that has written them last."""
+        """The identity of the code that has written each actuator last."""
         self.times.fill(nan)
         self.shown = memory[wide[:5].nbytes :].data
         """The bytes that a frame shows: of `values`, `raws`, `quality`, `restrictions`, `equipment`, `axes`, `alarms`,
@@ -133,7 +133,7 @@ class Block:
         """The buffer's array as a memoryview. A copy between two memoryviews takes a third of the time of a copy
         between two arrays."""
         self.unread = np.full(self.count, UNREAD).data
-        """For inputs: the contents of the buffer before a transfer."""
+        """The contents of the buffer of inputs before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
         self.unwatched: Callable[[Any, IntArray], None]
@@ -141,16 +141,16 @@ class Block:
         self.was_moved: Callable[[int], object] | None = None
         """The function that is called with the duration in ns of a transfer that was not made by `transfer`."""
         self.convert: Callable[[float], Sequence[tuple[int, float]]]
-        """For inputs: the function that converts the buffer into raws and values of the image, and sets their times to
+        """The function that converts the buffer of inputs into raws and values of the image, and sets their times to
         the given time in s. If any values are out of bounds, the function returns their (slot, value) pairs instead of
         storing them, and the caller sets the times."""
         self.give: Callable[[float, float], None]
-        """For outputs: the function that fills the buffer with the pending values, limited by the slew rates. It is
+        """The function that fills the buffer of outputs with the pending values, limited by the slew rates. It is
         called with the time in s and the duration of this period in s. A duration of 0 means the time since the last
         step."""
         self.commit: Callable[[float], None]
-        """For outputs: the function that records that the hardware has accepted the buffer at the given time in s."""
+        """The function that records that the hardware has accepted the buffer of outputs at the given time in s."""
         self.conditioned: Any = None
-        """For inputs: the conversion by `umo.cycle.conditioning`; None if no sensor of the block is conditioned."""
+        """The conversion of inputs by `umo.cycle.conditioning`; None if no sensor of the block is conditioned."""
         self.unsettled: set[int] = set()
         """The slots whose quality is not the normal one. The set object is never replaced."""

@@ -14,11 +14,11 @@ class ArrivalAges:
         self._difference: int | None = None
         """The smallest possible difference in ns of this computer's clock to that of the station."""
 
-    def know(self, made: int, earliest: float) -> None:
-        """Take as known that data made at `made`, in ns of the station's clock, was made at `earliest` or later, in s
+    def know(self, made: int, earliest: int) -> None:
+        """Take as known that data made at `made`, in ns of the station's clock, was made at `earliest` or later, in ns
         of this computer's clock. This replaces what was known before: the clock of a computer stands still while the
         computer sleeps."""
-        self._difference = round(earliest * 1e9) - made
+        self._difference = earliest - made
 
     def age(self, made: int, now: int | None = None) -> float:
         """Return the greatest possible age in s of data made at `made`, in ns of the station's clock. Without a call of

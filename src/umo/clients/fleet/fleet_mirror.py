@@ -84,7 +84,7 @@ class FleetMirror:
             session.declare_subscriber(key.key(kind), partial(self._put, kind)) for kind in (keys.DELTA, keys.EVENT)
         ]
         self._queries = PastQueries(session, lambda _, run, data: self._incoming.put((keys.PAST, data)))
-        asked = time.monotonic()
+        asked = time.monotonic_ns()
         about, described, words, rest = unpacked(declaration_of(session, key))
         facts = json.loads(about)
         self._run = bytes.fromhex(facts["run"])
@@ -109,12 +109,13 @@ class FleetMirror:
         self._ended = threading.Event()
         self._heard = time.monotonic()
         """The earliest time in s at which the shown data may have been created."""
-        self._checked = self._compared = float("-inf")
+        self._checked = float("-inf")
         self._is_stale = False
         self._limit = max(STALE_AFTER, 10 * float(layout.about["period"]))
         self._commands = MirrorCommands(session, key, user, self._ring, self._tell)
         if words:
-            self._take_image(words, rest, asked - _age_in(facts))
+            self._compare_clocks(facts, words, asked)
+            self._take_image(words, rest)
         self._thread = threading.Thread(target=self._follow, name=f"umo fleet {key}", daemon=True)
         self._thread.start()
 
@@ -191,8 +192,8 @@ class FleetMirror:
         if delta.rest:
             self._take_rest(delta.rest)
         self._show()
-        if self._is_stale:
-            self._compare_clocks()
+        if self._is_stale:  # or the last declaration was slow, or a computer has slept since
+            self._check("")
 
     def _check(self, otherwise: str) -> None:
         """Ask the station for its state, because a message does not follow the last one. If the run has ended, the
@@ -202,8 +203,7 @@ class FleetMirror:
         if now - self._checked < CHECK_PAUSE:
             return
         self._checked = now
-        about, *_ = unpacked(declaration_of(self._session, self.key))
-        facts = json.loads(about)
+        facts, _, _ = self._declaration()
         if bytes.fromhex(facts["run"]) != self._run:
             self._ended.set()
         elif int(facts["head"]) < self._number:  # not only a gateway that has begun anew, and has not come so far yet
@@ -216,35 +216,33 @@ class FleetMirror:
         stale."""
         if not self._is_stale:
             self._grow_stale()
-        asked = time.monotonic()
-        about, _, words, rest = unpacked(declaration_of(self._session, self.key))
-        facts = json.loads(about)
+        facts, words, rest = self._declaration()
         if bytes.fromhex(facts["run"]) != self._run or not words:
             return
         self._count_lost(number := int(facts["number"]))
         self._number = number
         self._feed.restart(number + 1)
-        self._take_image(words, rest, asked - _age_in(facts))
+        self._take_image(words, rest)
 
-    def _take_image(self, words: bytes, rest: bytes, earliest: float) -> None:
-        """Show the image of a declaration, which was made at `earliest` (s) or later."""
+    def _declaration(self) -> tuple[dict[str, Any], bytes, bytes]:
+        """Ask for the declaration of the station, and compare the clocks. Return its facts, its image and the rest."""
+        asked = time.monotonic_ns()
+        about, _, words, rest = unpacked(declaration_of(self._session, self.key))
+        facts = json.loads(about)
+        if words and bytes.fromhex(facts["run"]) == self._run:
+            self._compare_clocks(facts, words, asked)
+        return facts, words, rest
+
+    def _compare_clocks(self, facts: dict[str, Any], words: bytes, asked: int) -> None:
+        """Compare the clocks by the image of a declaration that was asked for at `asked` (ns): its age is known."""
+        age = float(facts.get("age", 0.0))  # 0: an older gateway does not send it
+        self._ages.know(int(np.frombuffer(words, np.int64)[self._began]), asked - round(age * 1e9))
+
+    def _take_image(self, words: bytes, rest: bytes) -> None:
+        """Show the image of a declaration."""
         self._image[:] = np.frombuffer(words, np.uint64)
-        self._ages.know(self._made, earliest)
         self._take_rest(rest)
         self._show()
-
-    def _compare_clocks(self) -> None:
-        """Ask for the declaration, as its image is known to be fresh: deltas that arrive in time would be shown as
-        stale if the last declaration was slow, or if a computer has slept since."""
-        now = time.monotonic()
-        if now - self._compared < CHECK_PAUSE:
-            return
-        self._compared = now
-        about, _, words, _ = unpacked(declaration_of(self._session, self.key))
-        facts = json.loads(about)
-        if bytes.fromhex(facts["run"]) == self._run and words:
-            made = np.frombuffer(words, np.int64)[self._began]
-            self._ages.know(int(made), now - _age_in(facts))
 
     def _count_lost(self, number: int) -> None:
         if self._number != NONE:
@@ -272,16 +270,11 @@ class FleetMirror:
 
     # The ring ------------------------------------------------------------------------------------------------
 
-    @property
-    def _made(self) -> int:
-        """The time in ns of the station's clock at which the image was created."""
-        return int(self._image.view("<i8")[self._began])
-
     def _show(self) -> None:
         """Show the image that has just arrived. An image that arrives late, for example after a loss of the network, is
         stale."""
         now = time.monotonic()
-        self._heard = now - self._ages.age(self._made)
+        self._heard = now - self._ages.age(int(self._image.view("<i8")[self._began]))
         self._is_stale = now - self._heard > self._limit
         self._add(Quality.STALE if self._is_stale else Quality.GOOD)
 
@@ -314,12 +307,6 @@ class FleetMirror:
             self._thread.join(ANSWER_TIME)
         with suppress(zenoh.ZError):
             self._session.close()
-
-
-def _age_in(facts: dict[str, Any]) -> float:
-    """Return the age in s that the image in a declaration had when it was sent, or 0 if an older gateway does not send
-    the age."""
-    return float(facts.get("age", 0.0))
 
 
 def declaration_of(session: zenoh.Session, key: StationKey) -> bytes:

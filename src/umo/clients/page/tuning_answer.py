@@ -15,7 +15,7 @@ from umo.system.packages import how_to_install
 
 MOST_POINTS = 300
 """Largest number of points of a curve."""
-LONGEST = 3600.0
+MAX_RESPONSE_TIME = 3600.0
 """Longest time in s of a response."""
 
 
@@ -33,8 +33,8 @@ class TuningQuestion:
         except (KeyError, TypeError, ValueError):
             raise BadRequest("facts must be the facts of a law") from None
         self._part = HistoryPart.of(watched, message | {"paths": facts.columns})
-        if self._part.stop - self._part.start > LONGEST:
-            raise BadRequest(f"a response may be at most {LONGEST:g} s long")
+        if self._part.stop - self._part.start > MAX_RESPONSE_TIME:
+            raise BadRequest(f"a response may be at most {MAX_RESPONSE_TIME:g} s long")
         try:
             self._facts = facts.described(watched.entries)
         except (UmoError, KeyError) as error:

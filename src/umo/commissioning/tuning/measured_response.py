@@ -31,7 +31,7 @@ class MeasuredResponse:
     """The output that was held after each sample."""
     measurements: FloatArray
     inner: MeasuredResponse | None = None
-    """For a cascade, the measurement of the inner law, whose setpoints are the outputs."""
+    """The measurement of the inner law of a cascade, whose setpoints are the outputs; None without a cascade."""
 
     @classmethod
     def of_rows(cls, rows: FloatArray) -> MeasuredResponse:

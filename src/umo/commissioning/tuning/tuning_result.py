@@ -48,7 +48,7 @@ class TuningResult:
     sets: list[GainSet]
     """The sets of gains: first the present gains, if they close a loop; then cautious, balanced and quick."""
     inner: ProcessModel | None = None
-    """For a cascade, the model from the inner setpoint to the inner measurement; None if not known."""
+    """The model from the inner setpoint to the inner measurement of a cascade; None if not known."""
     axis: AxisModel | None = None
     """The model of the axis, if the loop is one of an axis; then the response is that of the velocity."""
 

@@ -59,7 +59,7 @@ class PackMLUnits:
     def __init__(self, server: Any, tree: NodeTree, namespace: int) -> None:
         self._server, self._tree, self._namespace = server, tree, namespace
         self._states: dict[int, str] = {}
-        """For the number of each item that is the state of a unit: the identifier of that unit."""
+        """The identifier of each unit, by the number of the item that is its state."""
         self._modes: dict[int, str] = {}
 
     async def build(self, machine: Declaration, nodes: MachineNodes) -> None:
