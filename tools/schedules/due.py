@@ -72,7 +72,8 @@ class Due:
         if control is State.ABLE and guardian is State.ABLE:
             yield self._going_on()
         elif control is State.ABLE:
-            yield "guardian stopped" if guardian is State.STOPPED else "guardian killed"
+            follower = "" if self._best("worker") is State.ABLE else self._follower(guardian)  # resets the worker's
+            yield follower or ("guardian stopped" if guardian is State.STOPPED else "guardian killed")
         elif guardian is State.ABLE or (follows := self._follower(guardian)):
             yield from () if guardian is State.ABLE else (follows,)
             yield "control stopped" if control is State.STOPPED else "control killed"

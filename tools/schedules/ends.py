@@ -209,12 +209,12 @@ ENDS = (
     ),
     End(
         "a [worker process](howto-slow-devices.md) is killed when its outputs should be reset *",
-        "the process that resets the other actuators; it opens the device of the worker itself",
+        "the guardian, or the process that takes its place; it opens the device of the worker itself",
         "within 350 ms more", "1", "yes", "worker killed",
     ),
     End(
         "a worker process is stopped (SIGSTOP) when its outputs should be reset *",
-        "guardian; it ends the worker and then opens the device itself",
+        "the guardian, or the process that takes its place; it ends the worker and then opens the device itself",
         "within `call_timeout` + 700 ms more", "1", "yes", "worker stopped",
     ),
     End(
