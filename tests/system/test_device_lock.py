@@ -17,6 +17,7 @@ import pytest
 
 import umo
 from helpers.machines import Board, bench, on, wired
+from helpers.waiting import until
 from umo import connect
 from umo.drivers import Channel, WiringError
 from umo.errors import AcknowledgeRequired, DeviceHeld
@@ -133,6 +134,31 @@ def test_a_forked_process_keeps_the_hold_until_it_has_ended_too_and_the_one_that
     for file in (reading, ready, telling):
         os.close(file)
     assert not is_held(device)
+
+
+INHERITED = """
+import os, signal, sys
+from umo.system.device_lock import DeviceLock
+kept = DeviceLock(sys.argv[1:], "press, bench")
+child = os.fork()
+if child == 0:
+    os.close(1)
+    os.kill(os.getpid(), signal.SIGSTOP)
+else:
+    os.waitpid(child, os.WUNTRACED)
+    print(child, flush=True)
+"""
+
+
+def test_a_process_that_has_inherited_a_device_is_named_when_the_owner_has_ended(device: str) -> None:
+    command = [sys.executable, "-c", INHERITED, device]
+    child = int(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    try:
+        ended = rf"which has ended; pid {child} \(stopped by a signal\), which that process has started, still holds it"
+        assert re.search(ended, holder(device))
+    finally:
+        os.kill(child, signal.SIGKILL)
+    assert until(lambda: not is_held(device))
 
 
 @pytest.mark.skipif(not ROOT, reason="becoming another user needs root")

@@ -25,11 +25,17 @@ class Due:
 
     def __init__(self, scheduler: Scheduler) -> None:
         self._scheduler = scheduler
-        self._states = scheduler.at_last_fault
-        self._faults = {fault.what for fault in scheduler.schedule.faults}
+        self._faults = {fault.what for fault in scheduler.came}
+        self._states = scheduler.at_last_fault | self._hung()
         self.rows, self.delays = [*self._cause()], [*self._delays()]
         self.from_ = self._begin()
         self.at = self._at()
+
+    def _hung(self) -> dict[str, State]:
+        """A control process that was held up for so long that it was killed as one that is stopped."""
+        is_held = any(fault.what is What.HOLD and fault.who == "control" for fault in self._scheduler.came)
+        control = self._scheduler.named("control")
+        return {"control": State.STOPPED} if is_held and control and control.ended_by == "signal" else {}
 
     @property
     def limit(self) -> float:

@@ -205,12 +205,12 @@ ENDS = (
     End(
         "the reset process is stopped (SIGSTOP) when it should reset *",
         "the guardian starts another reset process, which resets",
-        "within `call_timeout` + 200 ms more", "1", "yes", "resetter stopped",
+        "within `call_timeout` + 500 ms more", "1", "yes", "resetter stopped",
     ),
     End(
         "a [worker process](howto-slow-devices.md) is killed when its outputs should be reset *",
         "the guardian, or the process that takes its place; it opens the device of the worker itself",
-        "within 350 ms more", "1", "yes", "worker killed",
+        "within 500 ms more", "1", "yes", "worker killed",
     ),
     End(
         "a worker process is stopped (SIGSTOP) when its outputs should be reset *",

@@ -142,6 +142,8 @@ class Scheduler:
         """Faults whose time is known."""
         self._ends: list[tuple[int, Fault]] = []
         """Faults that last until a time."""
+        self.came: list[Fault] = []
+        """Faults that have come: the gate of another one may never be reached."""
         self.last_fault = START
         """Time in ns of the last one."""
         self.at_last_fault: dict[str, State] = {}
@@ -461,6 +463,7 @@ class Scheduler:
 
     def _do(self, fault: Fault) -> None:
         process = self.named(fault.who)
+        self.came.append(fault)
         self._note(f"fault: {fault}")
         if fault.what is What.ASK:
             self._ask()

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from umo.errors import DeviceHeld, UmoError
 from umo.system import calls
+from umo.system.processes import STOPPED, first_with, state
 from umo.text import printable, time_of_day
 
 LINUX = sys.platform.startswith("linux")
@@ -88,9 +89,21 @@ def holder(device: str) -> str:
     what, since = _noted(device, pid)
     who = "this program itself" if pid == os.getpid() else f"pid {pid} of {_user(uid)}"
     if not Path(f"/proc/{pid}").exists():
-        who += ", which has ended; another process of that program still holds it"
+        who += f", which has ended; {_heir(device)} still holds it"
     when = "" if since is None else f", since {time_of_day(since)}"
     return printable(f"{who}{f' ({what})' if what else ''}{when}")
+
+
+def _heir(device: str) -> str:
+    """Return a living process that has inherited the device, if this user may see the descriptors of the process."""
+    name = _name(device).decode().replace("\0", "@")
+    with suppress(OSError):
+        rows = (line.split(maxsplit=7) for line in SOCKET_TABLE.read_text(errors="replace").splitlines())
+        sockets = {f"socket:[{row[6]}]" for row in rows if row[7:] == [name]}
+        if (pid := first_with(sockets)) is not None:
+            stopped = " (stopped by a signal)" if state(pid) in STOPPED else ""
+            return f"pid {pid}{stopped}, which that process has started,"
+    return "another process of that program"
 
 
 def _noted(device: str, pid: int) -> tuple[str, float | None]:

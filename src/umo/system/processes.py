@@ -231,6 +231,19 @@ def parent_of(pid: int) -> int:
     return int(fields[PARENT]) if len(fields) > PARENT else 0
 
 
+def first_with(files: Collection[str]) -> int | None:
+    """Return a process that has one of these files open, each as proc_pid_fd(5) has it (`socket:[4711]`). Return None
+    if there is none, or if this user may not see it."""
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        folder = f"/proc/{pid}/fd"
+        with suppress(OSError):  # of another user, or ended meanwhile
+            for file in os.listdir(folder):
+                with suppress(OSError):
+                    if os.readlink(f"{folder}/{file}") in files:
+                        return int(pid)
+    return None
+
+
 def _start_time(pid: int) -> str:
     """Return the start time of a process as text, in clock ticks since the start of the computer; empty if there is no
     such process, or the time is unknown."""
