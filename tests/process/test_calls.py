@@ -168,7 +168,7 @@ AT_EACH_RUN = {
     *("handle_signal", "mask_signals", "pipe", "read", "write", "open", "close", "ready"),
     *("message_sockets", "socket_of", "send_message", "receive_message", "take_name", "listen"),
     *("now", "now_ns", "boottime_ns", "wall_time", "sleep", "make_timer", "set_timer"),
-    *("make_mutex", "lock_mutex", "unlock_mutex", "replace", "unlink", "fsync"),
+    *("make_mutex", "lock_mutex", "mutex_is_held", "unlock_mutex", "replace", "unlink", "fsync"),
 }
 NOT_AT_EACH = {
     "start_program": "a test's guardian is forked from the test",

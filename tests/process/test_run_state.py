@@ -11,6 +11,7 @@ import pytest
 from helpers.tiers import first
 from umo.process import run_state
 from umo.process.run_state import RunState, Who
+from umo.system import calls
 from umo.system.processes import Child, carry_out
 
 
@@ -74,6 +75,19 @@ def test_the_holder_of_a_lock_is_known_until_its_death_however_others_try_to_tak
     state.release(who)
     assert not state.holds(who)
     assert state.gone(0.0, who)
+
+
+def test_a_look_at_a_lock_does_not_take_it(state: RunState, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that is stopped while it looks would keep the lock from those that follow the dead holder."""
+    monkeypatch.setattr(calls, "lock_mutex", lambda *_: pytest.fail("taken"))
+    assert state.gone(0.0, Who.STANDBY)  # never held
+    monkeypatch.undo()
+    holder = Holder(state, Who.STANDBY)
+    monkeypatch.setattr(calls, "lock_mutex", lambda *_: pytest.fail("taken"))
+    assert not state.gone(0.0, Who.STANDBY)
+    holder.end()
+    assert state.gone(0.0, Who.STANDBY)
+    assert state.gone(0.0, Who.STANDBY)
 
 
 def test_a_process_that_is_forked_holds_no_lock_of_the_one_before(state: RunState) -> None:

@@ -332,6 +332,12 @@ class Gate:
         self.stand(f"unlock {self.locks[number]}", Effect.CHANGE, Wakes.LOCK << number)
         _real["unlock_mutex"](mutex)
 
+    def mutex_is_held(self, mutex: Any) -> bool:
+        self.stand(f"look at {self.locks[self._lock_numbers[id(mutex)]]}")
+        is_held: bool = _real["mutex_is_held"](mutex)
+        self._answer(is_held)
+        return is_held
+
     def lock_file(self, file: Any, *, shared: bool) -> bool:
         self.stand("lock file")
         taken: bool = _real["lock_file"](file, shared=shared)

@@ -31,6 +31,7 @@ import signal
 import socket
 import struct
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -315,6 +316,9 @@ Mutex = ctypes.c_char
 MUTEX_BYTES = 64
 """The room for a pthread_mutex_t in bytes. It takes 40 on x86-64, 48 on AArch64."""
 PROCESS_SHARED = ROBUST = 1
+FUTEX_TID_MASK, FUTEX_OWNER_DIED = 0x3FFFFFFF, 0x40000000
+"""The parts of the word by which the kernel knows the holder of a robust lock (robust-futex-ABI in the documentation of
+Linux): its thread, and whether it has died."""
 TRY_PAUSE = 0.001
 """The time in s until a lock is tried again, on systems that cannot wait for a lock by the monotonic clock."""
 
@@ -322,13 +326,7 @@ TRY_PAUSE = 0.001
 def make_mutex(memory: mmap, at: int) -> Mutex:
     """Create a lock at this place in memory that processes share; the place has room for `MUTEX_BYTES`. The lock
     reports the death of a thread that holds it (pthread_mutexattr_setrobust(3))."""
-    mutex, attributes = Mutex.from_buffer(memory, at), ctypes.create_string_buffer(MUTEX_BYTES)
-    libc = _libc()
-    libc.pthread_mutexattr_init(attributes)
-    libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
-    libc.pthread_mutexattr_setrobust(attributes, ROBUST)
-    libc.pthread_mutex_init(ctypes.byref(mutex), attributes)
-    return mutex
+    return _made(memory, at)
 
 
 def lock_mutex(mutex: Mutex, within: float) -> int:
@@ -345,6 +343,13 @@ def lock_mutex(mutex: Mutex, within: float) -> int:
 def unlock_mutex(mutex: Mutex) -> None:
     """Release a lock that this thread has taken."""
     _libc().pthread_mutex_unlock(ctypes.byref(mutex))
+
+
+def mutex_is_held(mutex: Mutex) -> bool:
+    """Return True if a living thread holds a lock. This function only reads: a process that is stopped while it calls
+    it does not keep the lock from others."""
+    word = ctypes.c_uint32.from_address(ctypes.addressof(mutex) + _owner_at()).value
+    return bool(word & FUTEX_TID_MASK) and not word & FUTEX_OWNER_DIED
 
 
 def lock_file(file: int | IO[bytes] | IO[str], *, shared: bool) -> bool:
@@ -383,6 +388,16 @@ class _Timespec(ctypes.Structure):
     _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
 
 
+def _made(memory: mmap | bytearray, at: int) -> Mutex:
+    mutex, attributes = Mutex.from_buffer(memory, at), ctypes.create_string_buffer(MUTEX_BYTES)
+    libc = _libc()
+    libc.pthread_mutexattr_init(attributes)
+    libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
+    libc.pthread_mutexattr_setrobust(attributes, ROBUST)
+    libc.pthread_mutex_init(ctypes.byref(mutex), attributes)
+    return mutex
+
+
 def _lock(mutex: Mutex, within: float) -> int:
     """Try to lock, and return 0 or the error number. With glibc before 2.30 the lock is tried repeatedly, because that
     version waits only by the wall clock, which may be set back."""
@@ -394,6 +409,18 @@ def _lock(mutex: Mutex, within: float) -> int:
     while (answer := int(libc.pthread_mutex_trylock(place))) == errno.EBUSY and time.monotonic() < until:
         time.sleep(TRY_PAUSE)
     return errno.ETIMEDOUT if answer == errno.EBUSY else answer
+
+
+@cache
+def _owner_at() -> int:
+    """Return the offset in a lock, in bytes, of the word that has its holder: the first one that has the number of this
+    thread while this thread holds a lock. Raises ValueError if the C library has no such word."""
+    room, libc = bytearray(MUTEX_BYTES), _libc()
+    place = ctypes.byref(_made(room, 0))
+    libc.pthread_mutex_lock(place)
+    words = memoryview(room).cast("I").tolist()
+    libc.pthread_mutex_unlock(place)
+    return 4 * words.index(threading.get_native_id())
 
 
 @cache
