@@ -364,7 +364,7 @@ static int checked(uint8_t *query, int size)
 /* The units of a serial line: the master's side of a pseudo-terminal, whose other side the client opens. */
 static int serve_line(void)
 {
-    uint8_t query[2 * LONGEST];
+    uint8_t query[2 * LONGEST], request[LONGEST];
     struct termios raw;
     int master = posix_openpt(O_RDWR | O_NOCTTY), kept, size = 0, length, got;
     if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0)
@@ -383,17 +383,19 @@ static int serve_line(void)
         if (got <= 0)
             return 1;
         size += got;
-        length = length_of(query, size);
+        /* several at once are those of a client that did not wait: a device tells them apart by the silence between */
+        while ((length = length_of(query, size)) > 0 && size >= length) {
+            memcpy(request, query, (size_t)length);
+            size -= length;
+            memmove(query, query + length, (size_t)size);
+            if ((length = checked(request, length)) > 0) {
+                requests++;
+                log_request(request);
+                serve(master, request, length, -1);
+            }
+        }
         if (size > LONGEST)
             size = 0;
-        if (length == 0 || size < length)
-            continue;
-        if ((length = checked(query, length)) > 0) {
-            requests++;
-            log_request(query);
-            serve(master, query, length, -1);
-        }
-        size = 0;
     }
 }
 
