@@ -180,8 +180,8 @@ def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
 
 
 def read_part(body: memoryview, at: int) -> tuple[memoryview, int]:
-    """Return the part that begins with its length at an offset, and the offset of the part's end. Raises ValueError if
-    the part is not complete."""
+    """Return the content of the part at an offset, and the offset of its end. A part begins with the length of its
+    content. Raises ValueError if the part is not complete."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
     if end > len(body):
         raise ValueError("a length exceeds its record")

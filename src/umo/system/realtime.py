@@ -98,7 +98,7 @@ def longest_busy_wait(period: float) -> float:
 
 
 def default_busy_wait(period: float, compiled: bool = False) -> float:
-    """Return the default for a process without a setting: 0 without SCHED_FIFO and a reserved core."""
+    """Return the default, which is 0 unless the process has both SCHED_FIFO and a reserved core."""
     priority, core = granted()
     return busy_wait_for(period, compiled) if priority and core is not None else 0.0
 

@@ -167,8 +167,8 @@ class Player:
     # Drivers off the cycle -------------------------------------------------------------------------------
 
     def arrivals(self, slots: Collection[int], in_blocks: Collection[int]) -> list[JournalEntry]:
-        """Return the entries of a driver off the cycle at this place: the readings of objects in each of its transfers,
-        and repeated initialisations. Call this before the tick of the period."""
+        """Return the entries at this place that come from a driver that is off the cycle: the readings of
+        objects in each of its transfers, and repeated initialisations. Call this before the tick of the period."""
         period = self.period or self.next
         if period is None or self.journal is None or self.paused:
             return []

@@ -41,9 +41,7 @@ class BrokerAddress:
                 f"broker is checked), or leave out `host` (default: 127.0.0.1)"
             )
         if self.certificate is not None and self.ca is None:
-            raise OptionError(
-                "`certificate` needs `ca` (the certificates with which the certificate of the broker is checked)"
-            )
+            raise OptionError("`certificate` needs `ca` (the certificates that verify the broker)")
         if bool(self.user) != (self.password_file is not None):
             raise OptionError("give both `user` and `password_file`, or neither")
 
