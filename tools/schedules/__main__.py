@@ -6,6 +6,7 @@ whatever faults?
     python -m tools.schedules --singles kill hold    only these kinds
     python -m tools.schedules --pairs --every 4      two kills at one moment, at each fourth gate
     python -m tools.schedules --pairs kill stop      one is killed, another one stopped
+    python -m tools.schedules --pairs kill hold      one is killed, another one held up: 60, 150 and 700 ms
     python -m tools.schedules --pairs --held 60      the first one is held up 60 ms at the gate, then both are killed
     python -m tools.schedules --forks --disks --silences --every 4
     python -m tools.schedules --random 10000 --from 5000
@@ -61,7 +62,7 @@ def main() -> int:
     )
     parser.add_argument("--orders", type=int, metavar="N", default=0)
     parser.add_argument("--singles", nargs="*", type=What, choices=SINGLE, metavar="KIND")
-    parser.add_argument("--pairs", nargs="*", type=What, choices=SINGLE[:2], metavar="KIND")
+    parser.add_argument("--pairs", nargs="*", type=What, choices=SINGLE[:3], metavar="KIND")
     parser.add_argument("--every", type=int, default=1, metavar="N")
     parser.add_argument("--held", type=float, default=0.0, metavar="MS")
     parser.add_argument("--forks", action="store_true")

@@ -185,9 +185,9 @@ def every_gate(gates: Mapping[str, int]) -> Iterator[Moment]:
 def singles(kinds: Iterable[What], seed: int, gates: Mapping[str, int]) -> Iterator[Schedule]:
     """Each fault of these kinds at each gate of each process."""
     for what in kinds:
-        for lasting in HOLDS if what is What.HOLD else (0,):
-            for moment in every_gate(gates):
-                yield Schedule(seed, (Fault(what, moment.who, moment, lasting),))
+        for moment in every_gate(gates):
+            for fault in _lasting(what, moment.who, moment):
+                yield Schedule(seed, (fault,))
 
 
 def asks(seed: int, gates: Mapping[str, int]) -> Iterator[Schedule]:
@@ -201,7 +201,6 @@ def pairs(
 ) -> Iterator[Schedule]:
     """A fault of the first kind to a process, of the second to another, at one moment: a gate of either, of its gates
     each `every`-th. `held`: for so many ns the first is held up there, and both faults come at the end of that."""
-    first, second = kinds
     for moment in every_gate(gates):
         if moment.gate % every:
             continue
@@ -210,9 +209,16 @@ def pairs(
         for other in gates:
             if other == moment.who:
                 continue
-            yield Schedule(seed, (*hold, Fault(first, moment.who, later), Fault(second, other, later)))
-            if first is not second:
-                yield Schedule(seed, (*hold, Fault(first, other, later), Fault(second, moment.who, later)))
+            for first, second in dict.fromkeys((kinds, kinds[::-1])):
+                for one in _lasting(first, moment.who, later):
+                    for two in _lasting(second, other, later):
+                        yield Schedule(seed, (*hold, one, two))
+
+
+def _lasting(what: What, who: str, moment: Moment) -> Iterator[Fault]:
+    """A fault, where it lasts once for each time."""
+    for lasting in HOLDS if what is What.HOLD else (0,):
+        yield Fault(what, who, moment, lasting)
 
 
 def no_forks(seed: int, gates: Mapping[str, int]) -> Iterator[Schedule]:
