@@ -56,6 +56,8 @@ ONCE_WRONG = (
     f"0 long: stop reserve {DRIVEN}; kill guardian {DRIVEN}",  # it was left behind, and held the devices
     "0: kill guardian at guardian:79; stop standby at guardian:79",  # so was the standby guardian, after a good end
     "0: kill guardian at guardian:76; kill standby at guardian:76",  # the record of a good end was gone
+    "37315: stop reserve at control:39; kill worker at worker:24",
+    "37549: kill reserve at guardian:45+43ms; kill control at reserve:7",
     # a worker that was stopped while it tested the lock of a standby guardian kept the one that waits from going on
     "18656: stop worker at worker:30; ask at worker:30; kill guardian at reserve:3",
     # a worker whose outputs should be reset: the table had less time than it takes

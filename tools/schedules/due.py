@@ -107,12 +107,13 @@ class Due:
     def _delays(self) -> Iterator[str]:
         """The rows of processes that were to reset, or whose outputs were to be reset."""
         states = {(kind_of(name), state) for name, state in self._states.items()}
-        by_control = self._best("control") is State.ABLE
         if ("worker", State.ENDED) in states:  # one that was stopped; the next one takes its place
             states.add(("worker", State.KILLED))
+        lost = states & {("worker", State.KILLED), ("worker", State.STOPPED)}
+        resets_itself = self._best("control") is State.ABLE and not lost
         for kind, name in (("worker", "worker"), ("reserve", "resetter"), ("reset", "resetter")):
             for state in (State.KILLED, State.STOPPED):
-                if (kind, state) in states and not (by_control and name == "resetter"):
+                if (kind, state) in states and not (resets_itself and name == "resetter"):
                     yield f"{name} {state}"
         if What.SILENT in self._faults:
             yield "silent"

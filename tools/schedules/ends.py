@@ -200,7 +200,7 @@ ENDS = (
     End(
         "the reset process is killed when it should reset *",
         "the guardian starts another reset process, which resets",
-        "within 200 ms more", "1", "yes", "resetter killed",
+        "within 500 ms more", "1", "yes", "resetter killed",
     ),
     End(
         "the reset process is stopped (SIGSTOP) when it should reset *",
