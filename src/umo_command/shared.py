@@ -10,6 +10,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from functools import partial, wraps
 from pathlib import Path
 from types import FrameType
@@ -54,6 +55,13 @@ class Subcommand(TyperCommand):
             for word, after in zip(args, [*args[1:], ""], strict=False)
         ]
         return list(super().parse_args(ctx, args))
+
+    def invoke(self, ctx: Any) -> Any:
+        before = _running.set(ctx)
+        try:
+            return super().invoke(ctx)
+        finally:
+            _running.reset(before)
 
     def make_parser(self, ctx: Any) -> Any:
         parser: Any = super().make_parser(ctx)
@@ -131,6 +139,16 @@ def _hint(where: str, text: str, context: Any) -> str:
 def options_of_command(context: Any) -> list[str]:
     """Return the options of a command as the user writes them, such as `--until`, from its context."""
     return [each for parameter in context.command.params for each in parameter.opts if each[:1] == "-"]
+
+
+_running: ContextVar[Any] = ContextVar("_running", default=None)
+"""The context of the command that runs."""
+
+
+def command_that_runs() -> tuple[str, list[str]]:
+    """Return the command that runs, as the user writes it, and its options; nothing if none runs."""
+    context = _running.get()
+    return ("", []) if context is None else (context.command_path, options_of_command(context))
 
 
 HELP = {"help_option_names": ["--help", "-h"]}

@@ -25,7 +25,7 @@ from umo.signature import choices_of, is_plain, item_of, parameters_of, without_
 from umo.text import did_you_mean, options_in
 from umo.wiring import driver_options
 from umo.wiring.parameters import arguments_for, flag
-from umo_command.shared import plain
+from umo_command.shared import command_that_runs, plain
 
 TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
 NUMBERS: dict[Any, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT}
@@ -154,12 +154,18 @@ def _nearest(error: click.ClickException) -> str:
 
 
 def _unknown(taker: str, options: Sequence[Option], argument: str, command: Sequence[str] = ()) -> str:
+    """Return the message for an argument that nobody takes. `command`: the options of the command itself; without them,
+    those of the command that runs."""
+    where, of_where = command_that_runs()
+    command = command or of_where
     if not argument.startswith("-"):
         return f"{taker}: unexpected argument {argument!r}"
     flags = [option.flag for option in options]
     name = argument.partition("=")[0]
     near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in (*flags, *command)])
     known = f"; it has: {', '.join(flags)}" if flags else ""
+    if where and not (near or flags):
+        known = f"; `{where} --help` lists the options of the command"
     return f"{taker} has no option {name}{near}{known}"
 
 

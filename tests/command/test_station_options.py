@@ -197,6 +197,11 @@ def test_every_command_takes_the_options_of_the_machine(umo: Any, row: Path) -> 
         (("device", "get", "row", "gauges.0", "--nonsense"), "row has no option --nonsense"),
         (("check", "row", "--gauges", "0"), "a row needs a gauge"),
         (("check", "row", "--kind", "3"), "row has no option --kind"),
+        (
+            ("device", "conform", "row", "--minutes", "3"),
+            "; `umo device conform --help` lists the options of the command",
+        ),
+        (("device", "conform", "row", "--dirver", "x"), "row has no option --dirver (did you mean 'driver'?)"),
     ],
 )
 def test_a_wrong_option_of_the_machine_is_a_mistake_of_the_user(

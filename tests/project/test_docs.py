@@ -7,15 +7,20 @@ import shlex
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from helpers.documents import PAGES, ROOT, blocks, write_files
 from helpers.patient import patient
 from helpers.tiers import some
+from umo.process.station import find
 from umo_command.app import app
+from umo_command.station_options import options_of
 
 LONG = {"furnace.md", "ztheta.md", "howto-late-periods.md", "howto-inject-faults.md", "howto-write-a-driver.md"}
 LONG |= {"howto-command-a-running-machine.md", "batch.md", "conveyor.md", "driver-fmu.md", "howto-tune.md"}
@@ -95,3 +100,38 @@ def test_the_commands_of_a_page_do_what_they_say(page: Path, monkeypatch: pytest
                 monkeypatch.delitem(sys.modules, name, raising=False)
             result = CliRunner().invoke(app, words)
             assert result.exit_code == 0, f"{page.name}: umo {line}\n{result.output}{result.stderr}"
+
+
+# Options in the text -------------------------------------------------------------------------------------------
+
+OF_OTHERS = {
+    *("--fault-at", "--peak", "--soak", "--model"),  # of stations and of the driver fmu
+    *("--umo-certificates", "--shard", "--replay", "--planted", "--tree", "--survivors-of", "--markdown"),
+}
+"""Options of pytest's plug-in, of make and of tools, and of stations and drivers that are not asked for theirs here."""
+OTHER_PROGRAM = re.compile(r"`(python -m (bench|tools)|make )|`--(kills|compiled)`")
+OLD = "moving-from-0.1.md"
+STATIONS = ("batch", "conveyor", "furnace", "ztheta")
+
+
+@cache
+def options_of_umo() -> set[str]:
+    """The options of every command, and of the machines, applications and drivers of the stations that umo has."""
+    waiting: list[Any] = [get_command(app)]
+    found = set(OF_OTHERS)
+    while waiting:
+        command = waiting.pop()
+        waiting += getattr(command, "commands", {}).values()
+        found |= {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
+    for station in STATIONS:
+        for wiring in (found_station := find(station)).wirings:
+            found |= {option.flag for option in options_of(found_station, wiring)}
+    return found
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name != OLD], ids=lambda page: page.name)
+def test_the_options_that_a_page_names_are_options_of_umo(page: Path) -> None:
+    text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.M | re.S)
+    spans = [span for span in re.findall(r"`[^`\n]*`", text) if not OTHER_PROGRAM.match(span)]
+    named = {option for span in spans for option in re.findall(r"(?<![\w-])--[a-z][a-z-]*", span)}
+    assert named <= options_of_umo()

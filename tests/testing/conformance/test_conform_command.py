@@ -287,7 +287,7 @@ def test_the_tap_on_a_serial_line_has_the_settings_of_the_driver(
 
 @pytest.mark.full
 def test_a_run_that_was_cut_short_is_status_3_and_says_what_it_will_take(umo: Umo, press: Path) -> None:
-    result = umo("device", "conform", "press", "-w", "card", "--yes", "--minutes", "0.05")
+    result = umo("device", "conform", "press", "-w", "card", "--yes", "--for", "3 s")
     assert result.exit_code == 3, said(result)
     assert "umo: a transfer takes " in said(result) and "first leaves out transfers of the long run" in said(result)
     assert "press-card-card: passed (cut short), on device tcp" in said(result)

@@ -61,7 +61,7 @@ class MyCard(Driver, Looks):
     """
 
     def __init__(self, *, host: str = "127.0.0.1", port: int = 7000) -> None:
-        self.place = Host(host, port, "my_card tcp")
+        self.place = Host(host, port)
         self._dial = self.place.dial()  # nothing is opened before `open`
         self._look = Look(self._dial)
         self._stream: Stream | None = None

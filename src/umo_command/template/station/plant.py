@@ -18,7 +18,9 @@ class Plant(Driver):
     """A tank of 520 mm. The inlet raises the level by 20 mm/s. The drain lowers it in proportion to the root of the
     level.
 
-    Options: level: level at the start, mm. leak: leak of the tank, mm/s.
+    Options:
+        level: level at the start, mm.
+        leak: leak of the tank, mm/s.
     """
 
     def __init__(self, *, level: float = 20.0, leak: float = 1.0) -> None:
