@@ -164,8 +164,8 @@ def _unknown(taker: str, options: Sequence[Option], argument: str, command: Sequ
     name = argument.partition("=")[0]
     near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in (*flags, *command)])
     known = f"; it has: {', '.join(flags)}" if flags else ""
-    if where and not (near or flags):
-        known = f"; `{where} --help` lists the options of the command"
+    if where and not near:
+        known += f"; `{where} --help` lists the options of the command"
     return f"{taker} has no option {name}{near}{known}"
 
 
