@@ -8,8 +8,8 @@ import pytest
 
 from helpers.machines import actuator, bench, sensor, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, connect, drive, run
-from umo.control import next_period
-from umo.errors import DeclarationError, DriverError, StopError
+from umo.control import next_period, until
+from umo.errors import DeclarationError, DriverError, StopError, TimeExpired
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, put
 
@@ -92,6 +92,25 @@ def test_run_returns_what_the_application_returned_and_ends_with_it():
     machine, box = bench(), Scripted()
     assert run(machine, wired(machine, box), application) == pytest.approx(0.004)
     assert len(box.segments("write_many")) == 4  # the last period is finished too
+
+
+def test_a_run_that_has_not_ended_by_its_limit_is_ended_and_names_the_line_that_waits():
+    async def application(m):
+        m.valve.write(OnOff.ON)
+        await until(lambda: False)
+
+    machine, box = bench(), Scripted()
+    with pytest.raises(TimeExpired, match=r"has not ended by 0.01 s; the application waited at .*test_run.py:\d+"):
+        run(machine, wired(machine, box), application, until="10 ms")
+    assert next(call.raws for call in box.segments("write_many")) == (0, 1)
+    assert box.segments("reset")
+
+
+def test_a_limit_that_is_no_time_is_refused_before_anything_is_driven():
+    machine, box = bench(), Scripted()
+    with pytest.raises(DeclarationError, match="soon"):
+        run(machine, wired(machine, box), None, until="soon")
+    assert not box.calls
 
 
 def test_the_applications_own_period_is_finished_before_leaving():

@@ -13,8 +13,9 @@ from umo.cycle.frame import Observer
 from umo.cycle.insisting import tell_in_a_line
 from umo.cycle.not_awaited import expects_errors
 from umo.cycle.sequence_mistakes import no_machine
-from umo.cycle.stopping import in_main_thread
-from umo.errors import DeclarationError, Interrupted, text_of
+from umo.cycle.stopping import TimeLimit, in_main_thread
+from umo.duration import seconds as in_seconds
+from umo.errors import DeclarationError, Interrupted, TimeExpired, text_of
 from umo.objects import Compound, DigitalSensor, children
 from umo.objects.compound import check_machine
 from umo.system.signal_handling import signal_name
@@ -34,6 +35,7 @@ def run(
     *,
     observers: Iterable[Observer] = (),
     acknowledge: bool = False,
+    until: str | float | None = None,
     **options: Any,
 ) -> Any:
     """Connect the machine, run the application's sequence to its end and disconnect safely. Returns its result.
@@ -45,22 +47,31 @@ def run(
     the application, the control code and the devices are raised after the actuators have been reset to their defaults.
     Each of the `options` is passed to the application and to all drivers that have an option of this name, as for `umo
     run` and `umo.start`. Raises OptionError if neither the application nor a driver has such an option. `acknowledge`
-    has the same meaning as in `connect`.
+    has the same meaning as in `connect`. `until` is a limit for the machine's time ("10 min", or in s): if the run has
+    not ended by then, the actuators are reset and TimeExpired is raised, with the lines at which the application waits.
+    Use it in tests: in virtual time an application that waits for something that never happens would not end.
     """
     check_machine("run", machine)
     _timer_of(machine)
     _check_application(application)
     watching = _checked_observers(observers)
+    limit = None if until is None else in_seconds(until)
     shares = distribute_options(options, application=application, wiring=wiring)
     connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
     with connection as m:
         connection.machine.observers.extend(watching)
+        if limit is not None:
+            connection.machine.observers.append(TimeLimit(limit, connection.stop))
         returned = drive(m, application, **shares.application)
-    result = result_of(returned, connection)
-    if connection.stop.signal is not None and in_main_thread():
+        waits = ", ".join(dict.fromkeys(filter(None, connection.machine.sequences.places)))
+    result, stop = result_of(returned, connection), connection.stop
+    waited = f"; the application waited at {waits}" if waits else ""
+    if stop.time_over:
+        raise TimeExpired(f"the run has not ended by {limit:g} s{waited}")
+    if stop.signal is not None and in_main_thread():
         tell_in_a_line()
-        name = signal_name(connection.stop.signal)
-        raise Interrupted(f"stopped by {name}; every actuator is at its default", connection.stop.signal, result)
+        text = f"stopped by {signal_name(stop.signal)}; every actuator is at its default{waited}"
+        raise Interrupted(text, stop.signal, result)
     return result
 
 

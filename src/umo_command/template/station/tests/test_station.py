@@ -51,5 +51,5 @@ def test_an_overflow_stops_the_machine_with_both_valves_closed() -> None:
 
 
 def test_a_sensor_that_never_rises_ends_the_run() -> None:
-    with pytest.raises(TimeoutError):
-        run(machine(), None, main)
+    with pytest.raises(TimeoutError, match="60 s"):
+        run(machine(), None, main, until="1 h")
