@@ -6,18 +6,20 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from helpers.machines import actuator, relay, sensor, timer
 from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Number, connect
 from umo.cycle.trace import Trace
+from umo.objects.presentation.described import Described
 from umo.states import OnOff
 from umo.testing import periods
 
 pytest.importorskip("matplotlib")
 from umo_command.run import plot
-from umo_command.run.plot import MAX_PANELS, MAX_ROWS, MIN_HEIGHT, draw, save_plot
+from umo_command.run.plot import MAX_PANELS, MAX_ROWS, MIN_HEIGHT, Curve, Curves, draw, save_plot
 
 
 class Zone(Compound):
@@ -96,6 +98,16 @@ def names(axis: Any) -> list[str]:
 def test_few_curves_are_named_many_are_thin_lines_and_very_many_a_band(count: int, expected: list[str]) -> None:
     figure, _ = draw(trace_of(tunnel(count)), "umo run tunnel")
     assert names(figure.axes[0]) == expected
+
+
+def test_what_has_several_states_is_a_row_of_bars_with_their_names() -> None:
+    phase = Described({"path": "phase", "unit": "", "states": {"0": "FILLING", "1": "STIRRING", "2": "EMPTYING"}})
+    rows = np.array([[time, 0.0, 0.0, time // 10] for time in range(30)], float)
+    figure, _ = draw(Curves(rows, [Curve.of(phase, 3)], [(0.0, "")]), "umo run mixer")
+    (axis,) = figure.axes
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["phase"]
+    assert {text.get_text() for text in axis.texts} == {"FILLING", "STIRRING", "EMPTYING"}
+    assert [bars.get_paths()[0].get_extents().x0 for bars in axis.collections[:3]] == [0.0, 10.0, 20.0]
 
 
 UNITS = ["mm", "cm", "m", "V", "mV", "A", "mA", "N", "kN", "W", "kW", "bar", "Pa", "s"]

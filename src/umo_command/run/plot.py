@@ -4,7 +4,7 @@ extra `plot`."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,6 +37,10 @@ ALARM_COLOURS = {
 MAX_NAMED, MAX_LINES = 8, 40
 """Largest number of curves of a panel that have names, and largest number that are drawn individually. More curves are
 drawn as a band."""
+STRIP = ("binary", "states")
+"""The kinds of curves that are drawn as bars."""
+MAX_NAMED_BARS = 60
+"""Largest number of bars of a row that have the names of their states."""
 WIDTH, MIN_HEIGHT = 16.0, 10.0
 """Width and smallest height of the figure in inches."""
 MAX_NAME_LENGTH = 40
@@ -51,16 +55,20 @@ class Curve(NamedTuple):
     path: str
     unit: str
     kind: str
-    """The kind: `sensors`, `actuators`, `signals`, or `binary`."""
+    """The kind: `sensors`, `actuators`, `signals`, `binary`, or `states`."""
     one: str
     """The state of a binary object that is drawn as 1."""
     column: int
     """Index of the curve's column in the rows."""
+    states: Mapping[int, str] = {}
+    """The names of several states by number."""
 
     @classmethod
     def of(cls, about: Described, column: int) -> Curve:
         if about.is_binary:
             return cls(about.path, about.unit, "binary", about.states[1], column)
+        if not about.is_number:
+            return cls(about.path, about.unit, "states", "", column, about.states)
         sensor = "actuators" if about.is_actuator else "sensors"
         return cls(about.path, about.unit, sensor if about.is_object else "signals", "", column)
 
@@ -106,16 +114,17 @@ def save_plot(trace: Trace | Curves, path: Path, title: str) -> str:
 
 
 def draw(drawn: Trace | Curves, title: str) -> tuple[Any, str]:
-    """Draw a panel for each unit and for each family of similar objects, a strip of bars for the binary objects, and a
-    strip for the raised alarms. Return the figure, and a text about the curves that did not fit, which is also in the
+    """Draw a panel for each unit and for each family of similar objects, a strip of bars for the states, and a strip
+    for the raised alarms. Return the figure, and a text about the curves that did not fit, which is also in the
     figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     trace = Curves.of(drawn) if isinstance(drawn, Trace) else drawn
     curves = [each for each in trace.curves if each.path != "timer"]
-    panels = _panels([each for each in curves if each.kind != "binary"])
+    panels = _panels([each for each in curves if each.kind not in STRIP])
     strip = _groups([each for each in curves if each.kind == "binary"])
+    strip += [[each] for each in curves if each.kind == "states"]
     left_out = [shown.path for panel in panels[MAX_PANELS:] for shown in panel.curves]
     left_out += [shown.path for group in strip[MAX_ROWS:] for shown in group]
     panels, strip = panels[:MAX_PANELS], strip[:MAX_ROWS]
@@ -206,11 +215,16 @@ def _short(name: str) -> str:
 
 def _strip(axis: Any, trace: Curves, strip: list[list[Curve]]) -> None:
     """Draw a row for each object, with a bar wherever the object was in its 1 state. In the row of a family a shade
-    shows how many objects were in this state."""
+    shows how many objects were in this state. Of several states each has a bar of its colour and, if there is room, its
+    name."""
     time = trace.rows[:, 0]
     labels = []
     for row, group in enumerate(reversed(strip)):
         first, columns = group[0], [each.column for each in group]
+        if first.states:
+            _states(axis, time, trace.rows[:, first.column], row, first.states)
+            labels.append(_short(first.path))
+            continue
         if len(group) == 1:
             axis.broken_barh(
                 _bars(time, trace.rows[:, columns[0]] > 0.5), (row - 0.38, 0.76), facecolors=f"C{row % 10}"
@@ -226,6 +240,19 @@ def _strip(axis: Any, trace: Curves, strip: list[list[Curve]]) -> None:
     axis.set_ylim(-0.6, len(strip) - 0.4)
     axis.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
     axis.grid(axis="x", alpha=0.3)
+
+
+def _states(axis: Any, time: Any, values: Any, row: int, states: Mapping[int, str]) -> None:
+    """Draw a bar for each time in a state."""
+    named = []
+    for place, (number, name) in enumerate(states.items()):
+        bars = _bars(time, values == number)
+        axis.broken_barh(bars, (row - 0.38, 0.76), facecolors=f"C{place % 10}", alpha=0.45)
+        named += [(length, begin, name) for begin, length in bars]
+    inches = 0.75 * WIDTH / max(time[-1] - time[0], 1e-9)
+    for length, begin, name in sorted(named, reverse=True)[:MAX_NAMED_BARS]:
+        if length * inches > (len(name) + 1) * CHARACTER_WIDTH:
+            axis.text(begin + length / 2, row, name, ha="center", va="center", fontsize=7, parse_math=False)
 
 
 def _alarm_groups(log: AlarmLog | None) -> list[list[AlarmOfRun]]:
