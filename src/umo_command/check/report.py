@@ -14,6 +14,7 @@ from umo.duration import duration
 from umo.errors import Mistake, OptionError, WiringError
 from umo.exit_status import ExitStatus
 from umo.objects import Compound, actions_of, numbers_of
+from umo.objects.paths import atoms, path_of
 from umo.operation.alarms.alarming import declared_alarms, turn_text
 from umo.plant.twin.declared import declared_by
 from umo.process.frames import Reader
@@ -31,6 +32,8 @@ from umo_command.run.record_beside import check_installed
 from umo_command.show.stations import readers
 from umo_command.station_options import machine_of
 
+MISTAKEN_UNITS = {"C": ("coulomb", "degC"), "F": ("farad", "degF")}
+"""Units that are easily written for another one: the unit that it is, and the one that is probably meant."""
 COMPILE = "compile"
 """The name of the target for compiled laws, used in place of a target of `umo new controller`."""
 
@@ -55,6 +58,7 @@ def check_station(
     if (twin := declared_by(station, machine)) is not None:
         twin.describe(machine)
     check_recipes(machine)
+    check_units(machine)
     in_code = reported(mistakes_in(station, machine))
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
     statuses = [_check_wiring(machine, file) or _check_target(machine, file, target) for file in files]
@@ -74,6 +78,15 @@ def running_in(folder: Path) -> Iterator[Reader]:
         with reader:
             if reader.about["place"] == str(folder):
                 yield reader
+
+
+def check_units(machine: Compound) -> None:
+    """Print a note for each unit that is probably another one, such as "C", the coulomb."""
+    units = {path_of(each): str(getattr(each, "units", "")) for each in atoms(machine)}
+    units |= {path: number.declared.unit for path, number in numbers_of(machine).items()}
+    for unit, (name, meant) in MISTAKEN_UNITS.items():
+        if paths := [path for path, found in units.items() if found == unit]:
+            out.print(f'note: {some(paths)}: the unit "{unit}" is the {name}; degrees are "{meant}"', soft_wrap=True)
 
 
 def check_recipes(machine: Compound) -> None:
