@@ -293,12 +293,12 @@ def test_check_says_what_a_timeout_above_a_second_costs(umo, tank: Path) -> None
     )
 
 
-def test_check_asks_whether_a_coulomb_was_meant(umo: Callable[..., Result], tank: Path) -> None:
+def test_check_asks_whether_a_coulomb_was_meant(umo, tank: Path) -> None:
     for file in (tank / "objects.py", tank / "control.py"):
         file.write_text(file.read_text().replace('"mm"', '"C"'))
     (tank / "twin.py").unlink()
     told = umo("check", "tank", "-w", "simulated").stdout
-    assert 'note: level and band: the unit "C" is the coulomb; degrees are "degC"' in told
+    assert 'note: level, band and 2 others: the unit "C" is the coulomb; degrees are "degC"' in told
 
 
 def test_check_says_which_wirings_it_looked_at_and_looks_at_all_on_demand(umo, tank: Path) -> None:
