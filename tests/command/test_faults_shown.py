@@ -4,6 +4,7 @@ they are cleared."""
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import StringIO
@@ -19,6 +20,7 @@ from helpers.waiting import until
 from umo import Started, connect, published, start
 from umo.cycle.events import FAULT, FAULT_PREFIX, Event, Events
 from umo.cycle.fault_log import KEPT_FAULTS, FaultLog
+from umo.process.frames.blackbox import folder
 from umo.process.start import LINUX
 from umo.testing import periods
 from umo.testing import station as load
@@ -114,6 +116,25 @@ def test_why_tells_the_faults_whose_events_are_kept(umo: Umo, tmp_path: Path) ->
     assert f"{told}cleared by: umo do plant clear reactors.1 " in text
     assert told in " ".join(umo("show", "why").stdout.split())
     assert "cleared by" not in umo("show", "why").stdout
+
+
+def test_why_of_a_running_station_in_fault_shows_the_fault_without_an_option(umo: Umo, tmp_path: Path) -> None:
+    with running(tmp_path) as m:
+        for box in ("plant-20200101-000000-000.box", "mill-20200101-000000-000.box"):  # of earlier runs
+            folder().mkdir(parents=True, exist_ok=True)
+            (folder() / box).write_bytes(b"")
+            os.utime(folder() / box, (0, 0))
+        result = umo("show", "why", "plant")
+        assert (result.exit_code, result.stderr) == (0, "")
+        assert "reactors.1: in fault since 0.010 s: no feed cleared by: " in " ".join(result.stdout.split())
+        m.reactors[2].cycle.start(m.reactors[2].stumble("no seal"))
+        periods(m, 3)
+        assert "no seal" in umo("show", "why", "plant").stdout  # although there is a black box now
+        for reactor in m.reactors:
+            reactor.cycle.clear()
+        periods(m, 3)
+        assert "no seal" in umo("show", "why", "plant").stdout  # it is in the newest black box
+    assert "nothing is known of 'press': it is not running" in said(umo("show", "why", "press"))
 
 
 def test_ps_tells_faults_below_the_table_and_how_they_are_cleared(umo: Umo, tmp_path: Path) -> None:

@@ -195,7 +195,8 @@ def why(
     """Show why the last run ended, and why periods were missed: how long each phase took, and the cause.
 
     The times come from the newest black box, which is written when a period is missed or a run fails. The last faults
-    of equipment are also shown. If you give the path of an actuator, the command shows its claim: who drives the
+    of equipment are also shown. A named station that runs is shown as with `--now` if equipment is in fault, or if the
+    run has no black box yet. If you give the path of an actuator, the command shows its claim: who drives the
     actuator, and why. It also shows which value the actuator gets when this claim ends.
     """
     option = "--now" if now else "" if file is None else "--file"

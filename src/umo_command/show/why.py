@@ -19,6 +19,7 @@ from umo.process.frames import RunReader, blackbox
 from umo.process.frames.causes import AFTER, CONTROL_CODE, WAKE, always_slow, counts, explain_all, sentences, split
 from umo.process.frames.layout import USAGE
 from umo.process.frames.search import frames_at, reading, station_name
+from umo.system.folders import modified
 from umo.system.packages import SHIPPED
 from umo.text import Moment, did_you_mean, printable, shown_path
 from umo_command.console import out
@@ -40,6 +41,7 @@ PART_TITLES = {WAKE: "waking up", AFTER: "after update"}
 
 
 def why(station: str | None, now: bool, file: Path | None) -> int:
+    now = now or (file is None and station is not None and _is_shown_live(station))
     if now:
         file = _keep(station)
     elif file is None:
@@ -68,16 +70,33 @@ def _show_end(station: str | None) -> bool:
     return True
 
 
+def _is_shown_live(station: str) -> bool:
+    """Return True if a station runs, and equipment is in fault or the run has no black box yet: an earlier black box
+    does not show the present state."""
+    try:
+        reader = attach(station)
+    except FramesError:
+        return False
+    with reader:
+        name, started = str(reader.about["station"]), float(reader.about["started"])
+        return bool(reader.faults(reader.latest())) or all(modified(path) < started for path in _boxes_of(name))
+
+
+def _boxes_of(station: str) -> list[Path]:
+    """Return the black boxes of a station, oldest first."""
+    return [path for path in blackbox.boxes(blackbox.folder()) if blackbox.station_of(path) == station_name(station)]
+
+
 def _newest(station: str | None) -> Path:
     found = blackbox.boxes(blackbox.folder())
     if station is not None:
         names = [blackbox.station_of(path) for path in found]
-        found = [path for path, name in zip(found, names, strict=True) if name == station_name(station)]
+        found = _boxes_of(station)
         if not found and names:
             known = ", ".join(dict.fromkeys(names))
             raise FramesError(
-                f"nothing is known of {station!r}{did_you_mean(station, names)}: no period was missed, and no run has "
-                f"failed; there are black boxes of: {known}"
+                f"nothing is known of {station!r}{did_you_mean(station, names)}: it is not running, no period was "
+                f"missed, and no run has failed; there are black boxes of: {known}"
             )
     if not found:
         raise FramesError(
