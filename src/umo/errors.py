@@ -40,14 +40,16 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from opcode import opmap
-from traceback import walk_stack
+from traceback import format_list, walk_stack
 from types import FrameType, TracebackType
 from typing import Any, NamedTuple
 
 from umo.text import (
     CodePlace,
+    add_note,
     cut_words,
     did_you_mean,
+    frames_of_mistake,
     in_a_line,
     in_brackets,
     near_attribute,
@@ -360,12 +362,38 @@ def forget_frames(error: BaseException) -> None:
             _forget_causes(error)
 
 
+class _MistakeText(str):
+    """The text of an exception that comes from a mistake in a driver's code, with the exception and its frames."""
+
+    __slots__ = ("error", "frames")
+    error: BaseException
+    frames: tuple[CodePlace, ...]
+
+    def __reduce__(self) -> tuple[Any, ...]:  # the exception may not be picklable
+        return str, (str(self),)
+
+
 def cause_of_failure(error: BaseException) -> str:
-    """Return the text of the cause of a failed call. The frames of the error are released, because a channel may fail
-    again and again for a day."""
+    """Return the text of the cause of a failed call: a _MistakeText if the error comes from a mistake in the driver's
+    code. The frames of the error are released, because a channel may fail again and again for a day."""
     cause = text_of(error)
+    if not isinstance(error, UmoError | OSError) and (frames := frames_of_mistake(error)):
+        cause = _MistakeText(cause)
+        cause.error, cause.frames = error, frames
     forget_frames(error)
     return cause
+
+
+def chained(error: DriverError) -> DriverError:
+    """Return the error with its cause, if one of its failures comes from a mistake in a driver's code. Python then
+    shows the lines of this code in the traceback."""
+    mistakes = (each.cause for each in error.failures if isinstance(each.cause, _MistakeText))
+    if (cause := next(mistakes, None)) is not None:
+        shown = "".join(format_list([(*place, None) for place in cause.frames])).rstrip()
+        if shown not in getattr(cause.error, "__notes__", ()):
+            add_note(cause.error, shown)
+        error.__cause__ = cause.error
+    return error
 
 
 def _forget_causes(error: BaseException) -> None:

@@ -27,6 +27,8 @@ COMMAND = str(Path(__file__).parents[1] / "umo_command") + os.sep
 """Folder of the command `umo`."""
 STATIONS = f"{UMO}stations{os.sep}"
 """Folder of the shipped stations. Their code counts as the user's code."""
+MAX_FRAMES = 20
+"""Largest number of frames that are kept of an exception in a driver's code."""
 MAX_NAMES = 2
 """Number of names that a list shows before the number of the others."""
 
@@ -116,6 +118,20 @@ def raised_at(error: BaseException) -> CodePlace | None:
     chosen = users or found
     code = chosen.tb_frame.f_code
     return CodePlace(code.co_filename, chosen.tb_lineno, code.co_name)
+
+
+def frames_of_mistake(error: BaseException) -> tuple[CodePlace, ...]:
+    """Return the frames, the outermost first, from the first frame of the user's code to the place at which an
+    exception was raised; the innermost `MAX_FRAMES` of them."""
+    found: list[CodePlace] = []
+    with suppress(BaseException):  # an exception of the user's may refuse anything
+        trace = error.__traceback__
+        while trace is not None:
+            code = trace.tb_frame.f_code
+            if found or not is_own(code.co_filename):
+                found.append(CodePlace(code.co_filename, trace.tb_lineno, code.co_name))
+            trace = trace.tb_next
+    return tuple(found[-MAX_FRAMES:])
 
 
 def place_among(frames: Iterable[tuple[str, int, str]]) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 import random
+import re
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -145,6 +148,44 @@ def test_an_update_keeps_the_channels_that_stand_and_one_error_names_the_failed_
         box.causes = {}
         assert m.update() is True
         assert (m.motors[0].read(), m.motors[0].quality) == (1.0, Quality.GOOD)
+
+
+class Mistaken(Bus):
+    """A circuit whose driver has a mistake in its code for one of its channels."""
+
+    def read(self, channel: Channel) -> int:
+        return self.raws["no such key" if channel.text == "levels.1" else "levels.1"]
+
+
+def test_a_mistake_in_the_code_of_a_driver_has_its_place_and_its_lines_in_the_traceback() -> None:
+    m, box = line(), Mistaken()
+    box.raws["levels.1"] = 0
+    with pytest.raises(DriverError) as caught, connect(m, wired(m, box)):
+        m.sample()
+    place = r"\(\S*test_transfer\.py:\d+ in read\)"
+    assert re.match(rf"could not be read: box: KeyError: 'no such key' {place}; levels.0", str(caught.value))
+    assert isinstance(caught.value.__cause__, KeyError)
+    assert caught.value.__cause__.__traceback__ is None  # nothing that the driver used is kept alive
+    shown = "".join(traceback.format_exception(caught.value))
+    assert shown.count('return self.raws["no such key" if') == 1
+    assert re.match(r"KeyError: 'no such key'\n  File \S*test_transfer\.py", shown)
+    assert type(pickle.loads(pickle.dumps(caught.value)).failures[0].cause) is str
+
+
+class Halves(Bus):
+    """A circuit whose driver returns a float for one of its channels."""
+
+    def read(self, channel: Channel) -> int:
+        return 12.5 if channel.text == "levels.0" else 0  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("synchronous", [True, False])
+def test_a_reading_that_is_no_whole_number_fails_for_its_object_alone(synchronous: bool) -> None:
+    m = line(synchronous=synchronous)
+    with pytest.raises(DriverError) as caught, connect(m, wired(m, Halves())):
+        m.sample() if synchronous else m.levels[0].read()
+    what = r"the reading of channel levels\.0 is 12\.5 \(float\): a whole number is needed"
+    assert re.search(rf"{what} \(\S*test_transfer\.py:\d+ in read\); levels\.0$", str(caught.value))
 
 
 def test_a_channel_that_failed_is_held_where_that_was_declared_and_the_block_does_not_fail() -> None:

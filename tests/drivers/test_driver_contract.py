@@ -25,7 +25,7 @@ from umo.drivers.optional import (
 )
 from umo.drivers.simulated import Simulated
 from umo.drivers.wrapping import Wrapper, bare
-from umo.errors import DeclarationError, DeviceTimeout, WiringError
+from umo.errors import ChannelsFailed, DeclarationError, DeviceTimeout, WiringError
 from umo.testing import Scripted
 
 
@@ -152,8 +152,22 @@ def test_the_timeout_of_single_transfers_that_are_quick_is_not_touched(monkeypat
 
 def test_a_reading_that_is_no_integer_is_not_truncated():
     driver = Scripted({"0": 2.5})
-    with pytest.raises(TypeError):
+    with pytest.raises(ChannelsFailed, match=r"^0: the reading of channel 0 is 2.5 \(float\): a whole number is"):
         Driver.read_many(driver, CHANNELS[:1], np.zeros(1, np.int64))
+
+
+def test_a_reading_that_is_no_integer_fails_for_its_channel_with_the_place_of_read():
+    class Halves(Least):
+        def read(self, channel):
+            return None if channel.text == "1" else 7
+
+    out = np.zeros(3, np.int64)
+    with pytest.raises(ChannelsFailed) as caught:
+        Halves().read_many(CHANNELS, out)
+    assert list(caught.value.causes) == ["1"]
+    what = r"the reading of channel 1 is None \(NoneType\): a whole number is needed"
+    assert re.fullmatch(rf"{what} \(\S*test_driver_contract.py:\d+ in read\)", caught.value.causes["1"])
+    assert out.tolist() == [7, 0, 7]
 
 
 def test_a_direction_without_its_function_says_so():

@@ -20,7 +20,8 @@ PACKAGES = [
     for file in sorted(ROOT.glob("*/**/__init__.py"))
     if "__all__" in file.read_text()
 ]
-ERRORS = {name for name, item in vars(errors).items() if inspect.isclass(item) and item.__module__ == errors.__name__}
+CLASSES = {name for name, item in vars(errors).items() if inspect.isclass(item) and item.__module__ == errors.__name__}
+ERRORS = {name for name in CLASSES if not name.startswith("_")}
 
 
 @pytest.mark.parametrize("package", ["umo", *(f"umo.{name}" for name in PACKAGES)])

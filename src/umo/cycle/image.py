@@ -21,7 +21,7 @@ from umo.cycle.to_defaults import Gate, ImageDefaults, Taken, ToDefault
 from umo.cycle.writes import ImageWrites
 from umo.drivers.contract import Direction
 from umo.drivers.optional import WaitEnded
-from umo.errors import FAILURES, DriverError, Failure, cause_of_failure
+from umo.errors import FAILURES, DriverError, Failure, cause_of_failure, chained
 from umo.objects import Quality
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray
@@ -40,7 +40,7 @@ def raise_others(error: BaseException) -> None:
 
 
 def raise_failures(what: str, failures: Sequence[Failure]) -> None:
-    raise DriverError(what, failures)
+    raise chained(DriverError(what, failures))
 
 
 class Image(ImageDefaults):

@@ -12,7 +12,7 @@ from umo.cycle.drivers_away import DriversAway, in_order
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.segments import UNCONTROLLED_TIMEOUT, settling
 from umo.cycle.to_defaults import ToDefault
-from umo.errors import DriverError, Failure, text_of
+from umo.errors import DriverError, Failure, chained, text_of
 from umo.objects import Sensor, atoms
 from umo.wiring.wired import Wired
 
@@ -39,7 +39,7 @@ class OpenedDrivers:
                 self._initialized.append(slot)
                 failure = self._image.initialize(slot)
                 if failure is not None:
-                    raise DriverError("could not be initialised", [failure])
+                    raise chained(DriverError("could not be initialised", [failure]))
             for name, limit in self._wired.watchdogs.items():
                 segments.watchdog(name, limit)
         self._contain_absences()

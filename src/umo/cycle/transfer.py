@@ -19,7 +19,7 @@ from umo.cycle.callees import Callees, refuse_write
 from umo.cycle.columns import Block
 from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
 from umo.cycle.stand_ins import NotCalled
-from umo.drivers.contract import UNREAD, Channel, Driver
+from umo.drivers.contract import UNREAD, Channel, Driver, not_whole
 from umo.errors import FAILURES, ChannelsFailed, Failure, cause_of_failure
 from umo.objects.scaling import IntArray
 from umo.text import in_brackets, some
@@ -105,7 +105,11 @@ class Transfer:
             self.raws[slot] = raw = index(self.tick(wire.channel))
             return raw
         try:
-            raw = index(self._callees[slot].read(wire.channel))
+            reading = self._callees[slot].read(wire.channel)
+            try:
+                raw = index(reading)
+            except TypeError:
+                raise not_whole(wire.driver, wire.channel, reading) from None
         except FAILURES as error:
             self.mark(wire.driver, error, False)
             self.note(slot, Kind.FAILED_READ, ErrorKind.of(error))

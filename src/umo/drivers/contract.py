@@ -17,7 +17,8 @@ from typing_extensions import TypeVar
 
 from umo.drivers.optional import check_named
 from umo.errors import ChannelsFailed, DriverError, text_of
-from umo.user_code import check_overrides, incomplete
+from umo.text import cut_repr, in_brackets, is_own, shown_place
+from umo.user_code import check_overrides, definition, incomplete
 
 IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
@@ -218,7 +219,11 @@ class Driver(ABC, Generic[C]):
         timeout."""
 
         def read(i: int, channel: C) -> None:
-            out[i] = index(self.read(channel))  # numpy alone would truncate a float
+            raw = self.read(channel)
+            try:
+                out[i] = index(raw)  # numpy alone would truncate a float
+            except TypeError:
+                raise not_whole(self, channel, raw) from None
 
         _one_by_one(self, channels, read)
 
@@ -236,6 +241,14 @@ class Driver(ABC, Generic[C]):
 
     def close(self) -> None:
         """Close the circuit. This is the last call; it is also made if `open` failed."""
+
+
+def not_whole(driver: Driver[Any], channel: Channel, reading: object) -> DriverError:
+    """Return the error to raise for a reading that is not a whole number, with the place of the driver's `read`."""
+    place = definition(type(driver).read)
+    where = "" if place is None or is_own(place.file) else in_brackets(shown_place(place._replace(function="read")))
+    given = f"{cut_repr(reading)} ({type(reading).__name__})"
+    return DriverError(f"the reading of channel {channel.text} is {given}: a whole number is needed{where}")
 
 
 def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[int, C], None]) -> None:
