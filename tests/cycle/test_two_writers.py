@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
@@ -555,16 +556,66 @@ def test_a_servo_and_the_law_that_calls_it_are_one_writer() -> None:
         assert rig.told == {}
 
 
+@pytest.mark.parametrize("mode", ["automatic", "manual"])
 @pytest.mark.parametrize("call", ["heat", "heat_slowly"])
-def test_clients_and_their_actions_are_not_accused(call: str) -> None:
+def test_an_action_of_a_client_and_a_law_are_told(call: str, mode: str) -> None:
+    with running() as rig:
+        rig.m.law = lambda m: m.heater.write(1.0)
+        ann = Operator(rig.m)
+        ann.do("lease", seconds=60.0)
+        ann.mode(mode)
+        ann.run(3)
+        assert rig.told == {}
+        assert ann.call(call).state in (CommandState.BEGUN, CommandState.DONE)
+        ann.run(4)
+        both = rf"written by two: action {call} \(\S*{HERE.name}:\d+ in {call}\) and control of Plant \(.*\)"
+        assert re.match(rf"{both}; the last value counts\. Let only one of them write it", rig.told["heater"])
+        assert rig.m.heater.read() == 1.0
+
+
+def test_an_action_of_a_client_and_a_sequence_that_writes_in_the_same_period_are_told() -> None:
     with running() as rig:
         ann = Operator(rig.m)
         ann.do("lease", seconds=60.0)
         rig.start(warm(rig.m, 1.0), idle(rig.m))
         ann.run(3)
-        for _ in range(2):
-            assert ann.call(call).state in (CommandState.BEGUN, CommandState.DONE)
-            ann.run(4)
+        ann.call("heat")
+        ann.run(3)
+        assert "action heat (" in rig.told["heater"]
+        assert "sequence warm (" in rig.told["heater"]
+
+
+async def warm_once(m: Plant) -> None:
+    m.heater.write(1.0)
+    await wait("1 s")
+
+
+@pytest.mark.parametrize("by", ["sequence", "law"])
+def test_an_action_is_not_accused_if_nothing_else_writes_in_its_period(by: str) -> None:
+    with running() as rig:
+        ann = Operator(rig.m)
+        ann.do("lease", seconds=60.0)
+        if by == "sequence":
+            rig.start(warm_once(rig.m))
+        else:
+            rig.m.law = lambda m: m.heater.write(2.0) if m.now < 0.004 else None
+        ann.run(8)
+        for call in ("heat", "heat_slowly", "heat"):
+            ann.call(call)
+            ann.run(1)
+        ann.run(4)
+        if by == "law":
+            rig.m.law = lambda m: m.heater.write(3.0)
+        ann.run(3)
+        assert rig.told == {}
+
+
+def test_clients_are_not_accused() -> None:
+    with running() as rig:
+        ann = Operator(rig.m)
+        ann.do("lease", seconds=60.0)
+        rig.start(warm(rig.m, 1.0), idle(rig.m))
+        ann.run(3)
         ann.do("write", "heater", 5.0)
         ann.run(3)
         ann.do("let go", "heater")

@@ -11,7 +11,7 @@ import pytest
 
 from helpers.machines import actuator, relay, sensor, timer, wired
 from helpers.operator import Operator
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, action, connect
 from umo.control import next_period
 from umo.cycle.capability import Capability
 from umo.cycle.showing import frame_of
@@ -32,6 +32,11 @@ class Cell(Compound):
 
     def control(self) -> None:
         self.heater.write(self.wanted)
+
+    @action
+    def fill(self) -> None:
+        """Open the valve."""
+        self.valve.write(OnOff.ON)
 
     def interlocks(self) -> Iterator[Interlock]:
         yield Interlock(lambda: self.level.read() > 8.0, [self.valve], reason="level above 8 V")
@@ -122,6 +127,14 @@ def test_a_client_asks_for_the_trace_and_is_named_in_it(m: Any) -> None:
     operator.do("write", "pump", "ON")
     told = operator.do("call", "writes.last", arguments={"path": "pump", "count": 1})
     assert '"who": "client ann"' in told.text, told
+
+
+def test_an_action_that_a_client_calls_is_named_in_the_trace(m: Any) -> None:
+    operator = Operator(m, Mode.MANUAL)
+    operator.do("lease", seconds=60.0)
+    operator.do("call", "cell.fill")
+    newest = m.writes.last("cell.valve")[-1]
+    assert (newest["value"], newest["who"]) == ("ON", "action cell.fill")
 
 
 def test_so_many_writes_are_kept_of_each(m: Any) -> None:

@@ -23,7 +23,7 @@ from umo.cycle.coroutines import arguments_text, code_of, frames_of, is_new, pla
 from umo.cycle.not_awaited import advances, expects_errors
 from umo.cycle.sequence_mistakes import AWAITABLE_HINT, check_condition, instead_of_sequence, meant_await
 from umo.cycle.wait_graph import Waiter
-from umo.cycle.writes import Turn, make_turn
+from umo.cycle.writes import CalledAction, Turn, make_turn
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_later, text_of
 from umo.objects import Node
@@ -284,6 +284,8 @@ class Task(Waiter):
         """The function that returns the text of this error."""
         self.of_application = True
         """True if the task belongs to the application, and not to an action of a client."""
+        self.action: CalledAction | None = None
+        """The action of a client to which the task belongs."""
         self.clock: Clock | None = None
         """The clock of the part, by which the task takes its steps; None means the clock of the machine."""
         self.limits: list[timeout] = []
@@ -542,10 +544,14 @@ def _is_settled(task: Task) -> bool:
 class Sequences:
     """All sequences that run in parallel on one machine. `faults` is notified of sequences that have failed."""
 
-    def __init__(self, faults: Containing | None = None, current: Turn | None = None) -> None:
+    def __init__(
+        self, faults: Containing | None = None, current: Turn | None = None, action: CalledAction | None = None
+    ) -> None:
         self._faults = faults or _Uncontained()
         self.of_application = current is None
         """True if the sequences belong to the application, and not to an action."""
+        self.action = action
+        """The action of a client to which the sequences belong."""
         self.current = current or make_turn()
         """The task that now takes a step in the machine."""
         self._tasks: dict[Task, None] = {}
@@ -576,20 +582,20 @@ class Sequences:
         """The frames in which each sequence waits, the outermost first."""
         return [frames_of(task.sequence) for task in self._tasks]
 
-    def others(self) -> Sequences:
-        """Return a new, empty group of sequences of the same machine."""
-        return Sequences(self._faults, self.current)
+    def others(self, action: CalledAction | None = None) -> Sequences:
+        """Return a new, empty group of sequences of the same machine, for an action of a client if one is given."""
+        return Sequences(self._faults, self.current, action)
 
     def task(self, sequence: Routine, part: Any = None) -> Task:
         """Return a new task of this machine that the caller advances."""
         task = Task(sequence, part, current=self.current)
-        task.of_application = self.of_application
+        task.of_application, task.action = self.of_application, self.action
         return task
 
     def start(self, sequence: Routine, part: Any = None) -> Task:
         task = Task(sequence, part, self._faults.contain_sequence, self._end, current=self.current)
         self._number += 1
-        task.number, task.of_application = self._number, self.of_application
+        task.number, task.of_application, task.action = self._number, self.of_application, self.action
         self._tasks[task] = None
         self._tasks_of.setdefault(id(part), {})[task] = None
         return task

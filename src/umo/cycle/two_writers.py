@@ -17,7 +17,7 @@ from umo.cycle.columns import LAST, NOW, TOLD, UNSEEN
 from umo.cycle.events import MISTAKE, Event, Paths
 from umo.cycle.image import Image
 from umo.cycle.sequences import Task
-from umo.cycle.writes import ImageWrites, Turn, make_writes
+from umo.cycle.writes import CalledAction, ImageWrites, Turn, make_writes
 from umo.objects import Compound
 from umo.text import CodePlace, in_brackets, is_users, shown_place, some
 
@@ -41,9 +41,9 @@ class WriterSeen(NamedTuple):
 
     turn: object
     """The task that was advanced at the first write, in the form that `ImageWrites` compares."""
-    who: Task | Compound | _Loop | None
-    """The writer: a sequence, the compound that has the law, or the program's loop. None for a writer that may always
-    write, such as an action that a client has called."""
+    who: Task | Compound | CalledAction | _Loop | None
+    """The writer: a sequence, the compound that has the law, an action of a client, or the program's loop. None for a
+    writer that may always write, such as a hook of a suspension."""
     place: CodePlace | None
     """The place in the code at which the writer first wrote the actuator."""
     number: int
@@ -69,6 +69,8 @@ class WriterSeen(NamedTuple):
             name = f"{shown.name}{in_brackets(shown.details)}" if in_full else shown.name
         elif isinstance(self.who, Compound):
             name = control_of(self.who)
+        elif isinstance(self.who, CalledAction):
+            name = str(self.who)
         else:
             name = "the program's loop"
         return name + in_brackets(shown_place(self.place))
@@ -140,7 +142,9 @@ class TwoWriters:
         place, is_called = _where()
         who: Any = None if is_called else LOOP
         if task is not None:
-            who = task if task.started.of_application else None
+            who = task if task.started.of_application else task.started.action
+        elif isinstance(law, CalledAction):
+            who = law
         elif law is not None:
             who = cast(MethodType, law).__self__
             place = place or _place_of(law)
@@ -186,6 +190,8 @@ def _holds(former: WriterSeen, new: WriterSeen, written: int) -> bool:
     who = former.who
     if who is None or new.who is None:
         return False
+    if isinstance(who, CalledAction):  # it may have done its work, so only its period counts
+        return bool(written & NOW) and not isinstance(new.who, CalledAction)
     if not isinstance(who, Task):
         return bool(written & (NOW | LAST))
     if any(each.paused or cast(Task, each).done for each in who.lineage):

@@ -7,7 +7,7 @@ because storing more would double the time. Writes are then examined only in som
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 from umo.cycle import conversion
 from umo.objects.scaling import FloatArray, IntArray
@@ -17,6 +17,15 @@ Changed = Callable[[Sequence[int], Sequence[float], Sequence[float]], None]
 these slots."""
 
 
+class CalledAction(NamedTuple):
+    """An action that a client has called, as a writer. Writers are compared by identity."""
+
+    path: str
+
+    def __str__(self) -> str:
+        return f"action {self.path}"
+
+
 class Turn(Protocol):
     """The code that is now being carried out."""
 
@@ -24,7 +33,7 @@ class Turn(Protocol):
     """The started sequence that takes a step, or the sequence that it runs in parallel with others; None if no sequence
     takes a step."""
     law: Any
-    """The law that acts; None if no law acts."""
+    """The law that acts, or the `CalledAction` whose function is called; None if there is neither."""
 
 
 class PlainTurn:

@@ -6,6 +6,7 @@ from collections import deque
 from typing import Annotated, Any
 
 from umo.cycle.two_writers import control_of
+from umo.cycle.writes import CalledAction
 from umo.errors import PathError
 from umo.objects import Number, Range, action, described
 from umo.objects.claims import WHO, Rank
@@ -62,6 +63,8 @@ def _who(machine: Any, slot: int, source: str) -> str:
     turn = machine.sequences.current
     if turn.task is not None:
         return str(turn.task.shown.name)
+    if isinstance(turn.law, CalledAction):
+        return str(turn.law)
     if turn.law is not None:
         return control_of(turn.law.__self__)
     return "the program"

@@ -12,6 +12,7 @@ from umo.cycle.equipment import Equipment
 from umo.cycle.events import EVENT_TEXT_BYTES, LET_GO, CommandState, Event, around
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
+from umo.cycle.writes import CalledAction
 from umo.errors import CommandRefused, PathError
 from umo.objects import Action, Atomic, Compound
 from umo.objects.paths import is_within
@@ -140,12 +141,17 @@ class ClientActions:
             self._held_actions.add(command.path)
 
     def _new(self, command: ClientCommand, part: Atomic | Compound) -> _Action:
-        return _Action(command, part, self._machine.sequences.others())
+        return _Action(command, part, self._machine.sequences.others(CalledAction(command.path)))
 
     def _call(self, action: _Action, call: Callable[[], Any]) -> Any:
         """Its result; the sequence that this is, and those that it starts, belong to the action. One that may not begin
         is refused."""
-        result = self.within(action.started, call)
+        turn = self._machine.sequences.current
+        before, turn.law = turn.law, action.started.action
+        try:
+            result = self.within(action.started, call)
+        finally:
+            turn.law = before
         if isinstance(result, Coroutine):
             task = action.started.task(result, action.part)
             try:
