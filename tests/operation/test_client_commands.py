@@ -265,7 +265,10 @@ def test_in_automatic_mode_numbers_are_tuned_and_harmless_actions_called_and_not
         rig.do("lease")
         assert rig.do("tune", "speed", 3.0).state is CommandState.DONE
         assert rig.call("count").state is CommandState.DONE
-        refused = "in manual mode only; the machine runs in automatic mode (`umo do STATION mode` changes it)"
+        refused = (
+            "in manual mode only; the machine runs in automatic mode (change it: `umo do STATION mode manual`, "
+            'in Python `station.mode = "manual"`)'
+        )
         assert rig.call("close", force=1.0).text == f"CommandRefused: close can be called {refused}"
         assert refused in rig.do("write", "lamp", "ON").text
         assert rig.m.lamp.read() is OnOff.OFF

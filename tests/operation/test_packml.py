@@ -756,7 +756,7 @@ def test_whatever_a_unit_does_it_can_be_brought_to_a_standstill_in_manual_mode(k
             assert CommandState.DONE in {each.state for each in answers}
             assert unit.state in (kind.model.aborted, kind.model.stopped)
             if answers[0].state is CommandState.REFUSED and "manual" in answers[0].text:
-                assert answers[0].text.endswith("change the mode (`umo do STATION mode`), or abort it")
+                assert answers[0].text.endswith("change the mode (`umo do STATION mode automatic`), or abort it")
 
 
 # ISA-88 -------------------------------------------------------------------------------------------------

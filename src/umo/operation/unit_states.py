@@ -144,12 +144,12 @@ class UnitStates(DeclaredAttributes):
         """Return why a command is refused in manual mode, or None. In manual mode no sequence takes a step. Abort needs
         no sequence; any other command that leads to a sequence would be accepted but not carried out."""
         if name not in MANUAL_COMMANDS:
-            return "the application waits (`umo do STATION mode` changes it)"
+            return "the application waits (change the mode: `umo do STATION mode automatic`)"
         if name == ABORT or not self._has_sequence(target):
             return None
         sequence = sequence_name(self.model, target)
         instead = MANUAL_COMMANDS[name]
-        change = "change the mode (`umo do STATION mode`)"
+        change = "change the mode (`umo do STATION mode automatic`)"
         return f"its sequence `{sequence}` waits with the application; {change}, or {instead}"
 
     def _has(self, state: IntEnum) -> bool:

@@ -87,7 +87,8 @@ class Commanded(Commanding):
         called"."""
         if self.mode is not Mode.MANUAL:
             raise CommandRefused(
-                f"{what} in manual mode only; the machine runs in automatic mode (`umo do STATION mode` changes it)"
+                f"{what} in manual mode only; the machine runs in automatic mode "
+                '(change it: `umo do STATION mode manual`, in Python `station.mode = "manual"`)'
             )
 
     def last_sign(self, path: str, lasts: float) -> float:
