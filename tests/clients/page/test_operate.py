@@ -380,7 +380,7 @@ def take_again(page: Any) -> None:
 def jog(page: Any, station: umo.RemoteStation) -> None:
     """Press the button of the belt with the mouse, until it runs."""
     control(page, "sorter.belt.run_at").get_by_label("sorter.belt.run_at speed").fill("0.3")
-    control(page, "sorter.belt.run_at").get_by_role("button", name="Hold").hover()
+    control(page, "sorter.belt.run_at").get_by_role("button", name="Hold to run").hover()
     page.mouse.down()
     eventually(lambda: station.sorter.belt.setpoint.read() > 0.2)
 
@@ -519,7 +519,7 @@ def test_a_jog_by_the_keyboard_ends_with_the_key_the_focus_or_the_view(
         lambda: page.evaluate("document.querySelector('[data-view=scope]').click()"),
     )
     for end in ends:
-        control(page, "sorter.belt.run_at").get_by_role("button", name="Hold").focus()
+        control(page, "sorter.belt.run_at").get_by_role("button", name="Hold to run").focus()
         page.keyboard.down("Space")
         eventually(lambda: station.sorter.belt.setpoint.read() > 0.2)
         end()

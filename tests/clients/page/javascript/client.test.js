@@ -11,7 +11,7 @@ globalThis.WebSocket ??= /** @type {any} */ ({ OPEN: 1 });
 globalThis.Text = class {};
 globalThis.document = {
   addEventListener() {},
-  createElement: () => ({ classList: { toggle() {} }, dataset: {}, addEventListener() {}, append() {}, setAttribute() {}, setPointerCapture() {} }),
+  createElement: () => ({ textContent: "", classList: { toggle() {} }, dataset: {}, addEventListener() {}, append() {}, setAttribute() {}, setPointerCapture() {} }),
 };
 const { ActuatorControl, JogControl, TunableControl } = await import("../../../../src/umo/clients/page/static/controls.js");
 const { Feed } = await import("../../../../src/umo/clients/page/static/feed.js");
@@ -122,6 +122,11 @@ test("a jog has a button for each direction of its range, which may be without l
   const about = { name: "speed", kind: "number" };
   const ranges = [[], [{ ...about, minimum: 0, maximum: 5 }], [{ ...about, minimum: -5, maximum: 5 }], [{ ...about, minimum: null, maximum: null }]];
   assert.deepEqual(ranges.map(directions), [1, 1, 2, 2]);
+});
+
+test("the button of a jog in one direction does not have the name of the state command Hold", () => {
+  const control = new JogControl(page().client, { path: "run", help: "", arguments: [], harmless: true, dead_man: true });
+  assert.deepEqual(control._buttons.map(({ textContent }) => textContent), ["Hold to run"]);
 });
 
 test("what bars a page from commanding is named, the gravest first", async () => {

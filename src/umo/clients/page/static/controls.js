@@ -197,7 +197,7 @@ export class JogControl {
     this._about = action.arguments.find(({ kind }) => kind === "number") ?? null;
     this._others = new Arguments(action, (about) => about !== this._about);
     this._presses = 0;
-    this._buttons = this._about && (this._about.minimum ?? -Infinity) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
+    this._buttons = this._about && (this._about.minimum ?? -Infinity) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold to run", 1)];
     this._speed = this._about && new NumberInput(this._about, `${action.path} ${this._about.name}`, { value: first(this._about) });
     this._line = new CallLine("Hold the button.", [action.path], { quiet: true });
     this.element = el("div", { className: "control jog", "data-control": action.path },
