@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import umo
 from umo.clients.page.extremes import Extremes
 from umo.objects import Quality
 from umo.testing import Scripted
@@ -91,3 +92,14 @@ def test_what_a_page_has_begun_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> 
                 client.send(type="extremes", id=number, anew=True)
             client.get("extremes")
         eventually(lambda: not alive)
+
+
+def test_the_extremes_begin_with_the_oldest_period_that_the_run_keeps_also_one_before_the_server() -> None:
+    with running(box=Scripted({"encoder": [90, *[5] * 9999]})) as run:
+        run(30)
+        with umo.attach() as station:
+            oldest = station.frames(0.1)["time"][0]
+        with serving() as served, opened(served.socket) as client:
+            client.get("description")
+            client.send(type="extremes", id=1)
+            assert told(client, bool)["since"] <= oldest

@@ -66,7 +66,7 @@ def test_the_least_and_the_greatest_value_are_kept_until_they_are_begun_anew(pag
         extremes = row(page, "encoder").locator(".extreme")
         run(60)  # the peak of one period
         eventually(lambda: extremes.all_inner_texts()[1:] == ["45.0 mm"])
-        page.get_by_text("when this server began to follow").wait_for()
+        page.get_by_text("the oldest period that this server has read").wait_for()
         page.get_by_role("button", name="Anew").click()
         eventually(lambda: [run(1), extremes.all_inner_texts() == ["20.0 mm", "20.0 mm"]][1])  # no period is awaited
 

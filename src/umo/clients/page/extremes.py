@@ -1,4 +1,4 @@
-"""The smallest and largest values of a run's objects and signals since a page began to follow them."""
+"""The smallest and largest values of a run's objects and signals, from a first frame on."""
 
 from __future__ import annotations
 

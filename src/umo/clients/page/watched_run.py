@@ -62,7 +62,8 @@ class Watched:
         self._memory = History(len(self.entries), self.period)
         self.history: ValueHistory = self._memory
         self.extremes = self._new_extremes()
-        """The extremes since this server has followed the run."""
+        """The extremes in all frames that this server has read. The first ones can be older than the server, because
+        a ring keeps frames."""
         self._more_extremes: list[Extremes] = []
         """The extremes that were started anew for pages."""
         self.twin_place = self._twin_place()
@@ -130,7 +131,7 @@ class Watched:
         return Extremes(len(self.reader.layout.objects), len(self.reader.layout.signals))
 
     def extremes_for(self, anew: bool) -> Extremes:
-        """Return the extremes since this server has followed the run. With `anew` return extremes from now on, until
+        """Return the extremes in all frames that this server has read. With `anew` return extremes from now on, until
         `end_extremes`."""
         if not anew:
             return self.extremes

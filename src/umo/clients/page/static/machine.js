@@ -165,14 +165,14 @@ export class View {
     for (const row of this._rows) row.mark(after);
   }
 
-  /** The least and the greatest values: since the server follows the run, or from now on. @param {boolean} anew */
+  /** The least and the greatest values: since the oldest period that the server has read, or from now on. @param {boolean} anew */
   _follow(anew) {
     this._following?.close();
     this._following = this.feed.followExtremes(anew, ({ full, since, values }) => {
       if (full) this._extremes.clear();
       for (const [place, pair] of Object.entries(values)) this._extremes.set(Number(place), pair);
       const when = since === null ? "" : wallTime(this.feed.state?.utc, since).slice(0, 8) || clockText(since);
-      setText(this._since, when && `since ${when}${anew ? "" : ", when this server began to follow"}`);
+      setText(this._since, when && `since ${when}${anew ? "" : ", the oldest period that this server has read"}`);
       const touched = full ? this._rows : Object.keys(values).flatMap((place) => this._byPlace.get(Number(place)) ?? []);
       for (const row of new Set(touched)) row.showExtremes(this._extremes);
     });
