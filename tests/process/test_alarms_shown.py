@@ -11,9 +11,14 @@ from typer.testing import CliRunner
 
 from helpers.machines import sensor, timer, wired
 from umo import Compound, DigitalSensor, attach, connect, published
+from umo.cycle.events import ALARM, Event
 from umo.operation.alarms import Alarm, AlarmState, High, Priority
+from umo.operation.alarms.alarm_states import Operation
+from umo.operation.alarms.alarming import engine_of
+from umo.operation.alarms.engine import AlarmRequest
 from umo.operation.commands.verbs import verb_of
 from umo.process.frames import Reader, blackbox
+from umo.process.frames.alarm_list import alarm_rows
 from umo.testing import Scripted, periods
 from umo_command.app import app
 from umo_command.do.do_verb import given_arguments
@@ -110,6 +115,37 @@ def test_umo_alarms_lists_them(reader: Reader) -> None:
     shown = CliRunner().invoke(app, ["alarm", "list"]).stdout
     assert "unacknowledged" in shown
     assert "too full" in shown
+
+
+def test_an_acknowledged_alarm_keeps_the_time_at_which_it_began_and_shows_who_acknowledged_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+    machine = Tank(timer=timer(), level=sensor(resolution=1.0))
+    connection = connect(machine, wired(machine, Scripted({"level": 90})))
+    with connection as m, published(connection, "vat"):
+        periods(m, 30)
+        engine = engine_of(connection.machine)
+        engine.request([0], AlarmRequest(Operation.ACKNOWLEDGE, "ann"))
+        periods(m, 3)
+        (row,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
+        heads, _, line = CliRunner().invoke(app, ["alarm", "list"]).stdout.splitlines()
+    assert (row["state"], row["who"], row["text"]) == ("acknowledged", "ann", "too full")
+    assert row["since"] == row["first"] == pytest.approx(0.001)
+    assert heads.split() == ["alarm", "state", "by", "priority", "since", "raised", "text"]
+    assert line.split() == ["full", "acknowledged", "ann", "high", "0.001", "s", "1", "too", "full"]
+
+
+@pytest.mark.parametrize(("kept", "since"), [(0, 2.0), (1, None)])
+def test_without_counts_the_kept_events_tell_since_when_an_alarm_is_active(kept: int, since: float | None) -> None:
+    entries = [{"path": "full", "text": "too full", "priority": "high"}]
+    events = [
+        Event(2.0, "full", "unacknowledged (high): too full", asked=ALARM),
+        Event(9.0, "full", "acknowledged (high): too full", "ann", asked=ALARM),
+    ]
+    (row,) = alarm_rows(entries, [AlarmState.ACKNOWLEDGED], events[kept:], [(0.0, 0.0, 0.0)])
+    assert (row.since, row.who) == (since, "ann")
 
 
 def test_all_alarms_that_a_machine_declares_can_be_listed(reader: Reader) -> None:

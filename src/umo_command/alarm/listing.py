@@ -13,6 +13,8 @@ from umo.text import printable, time_of_day
 from umo_command.console import out, plain_table
 from umo_command.show.stations import attach
 
+COLUMNS = ("alarm", "state", "by", "priority", "since", "raised", "text")
+"""The columns of the list. `by`, the client that caused the state, is left out if the machine caused all of them."""
 MAX_SHOWN = 200
 """Number of changes of the history that are shown. They are the latest ones."""
 
@@ -37,16 +39,22 @@ def _list(reader: RunReader, as_json: bool, raised: bool, every: bool) -> None:
         out.print(f"no alarm {'was raised' if raised else 'is active'}; `umo alarm list --all` lists all {count}")
         return
     table = plain_table()
-    for heading in ("alarm", "state", "priority", "since", "raised", "text"):
+    columns = [name for name in COLUMNS if name != "by" or any(row.who for row in rows)]
+    for heading in columns:
         table.add_column(heading, overflow="fold")
     for row in rows:
-        since = "" if row.since is None else clock_text(row.since)
-        text = row.text + (f"; {row.note}" if row.note else "") + (f" ({row.who})" if row.who else "")
         style = "red" if row.annunciated and row.priority > 2 else ""
-        table.add_row(
-            printable(row.path), str(row.state), str(row.priority), since, _raised(row), printable(text), style=style
-        )
+        texts = _texts(row)
+        table.add_row(*(texts[name] for name in columns), style=style)
     out.print(table)
+
+
+def _texts(row: AlarmRow) -> dict[str, str]:
+    """Return the texts of a row, by column."""
+    since = "" if row.since is None else clock_text(row.since)
+    text = row.text + (f"; {row.note}" if row.note else "")
+    texts = (row.path, str(row.state), row.who, str(row.priority), since, _raised(row), text)
+    return dict(zip(COLUMNS, map(printable, texts), strict=True))
 
 
 def _raised(row: AlarmRow) -> str:

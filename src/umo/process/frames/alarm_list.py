@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from umo.cycle.events import ALARM, Event
 from umo.operation.alarms import AlarmState, Priority
 from umo.operation.alarms.alarm_states import ANNUNCIATED, TO_BE_ACKNOWLEDGED, operations
+from umo.operation.alarms.engine import RESULTS
 from umo.operation.commands.verb import Names
 from umo.operation.commands.verbs import naming
 
@@ -24,7 +25,8 @@ class AlarmRow(NamedTuple):
     priority: Priority
     text: str
     since: float | None
-    """The time in s on the cycle's clock at which the alarm entered this state; None if the event is no longer kept."""
+    """The time in s on the cycle's clock at which the alarm last became active. If the alarm is normal, shelved or out
+    of service: at which it entered this state. None if this is unknown."""
     who: str
     """The client that caused this state; "" means the machine itself."""
     note: str
@@ -66,10 +68,12 @@ def alarm_rows(
     """Return the alarms that are not normal; with `raised` also the alarms that were raised in this run, with `every`
     all alarms. Unacknowledged alarms come first, then the order is by priority, the newest first; normal alarms come
     last."""
-    last = {event.path: event for event in events if event.asked == ALARM}
+    changes = [event for event in events if event.asked == ALARM]
+    last = {event.path: event for event in changes}
+    begun = {event.path: event.time for event in changes if not event.who and event.text.startswith(_ACTIVE)}
     numbered = zip(entries, states, occurrences, strict=True)
     rows = [
-        _row(entry, AlarmState(n), last.get(entry["path"]))._replace(**_occurred(*when))
+        _with_times(_row(entry, AlarmState(n), last.get(entry["path"])), when, begun.get(entry["path"]))
         for entry, n, when in numbered
         if every or n in _NOT_NORMAL or (raised and when[0] > 0)
     ]
@@ -84,6 +88,8 @@ def alarms_text(rows: Sequence[AlarmRow]) -> list[str]:
 
 
 _NOT_NORMAL = frozenset(AlarmState) - {AlarmState.NORMAL}
+_ACTIVE = tuple(f"{state} (" for state in RESULTS)
+"""The beginnings of the texts of events that say that an alarm is active."""
 _PRIORITIES = {str(priority): priority for priority in Priority}
 
 
@@ -97,8 +103,14 @@ def _row(entry: Mapping[str, Any], state: AlarmState, event: Event | None) -> Al
     return AlarmRow(entry["path"], state, priority, text, event.time, event.who, note)
 
 
-def _occurred(raised: float, first: float, last: float) -> dict[str, Any]:
-    return {"raised": int(raised), "first": first, "last": last} if 0 < raised < inf else {}
+def _with_times(row: AlarmRow, occurred: tuple[float, float, float], begun: float | None) -> AlarmRow:
+    """Return a row with the times at which the alarm became active: those of the run if they are known, otherwise that
+    of the last event that says so."""
+    raised, first, last = occurred
+    if 0 < raised < inf:
+        begun = last
+        row = row._replace(raised=int(raised), first=first, last=last)
+    return row._replace(since=begun) if row.annunciated else row
 
 
 def _order(row: AlarmRow) -> tuple[Any, ...]:
