@@ -222,6 +222,11 @@ def test_a_second_client_gets_the_lease_only_by_taking_it_over(rig: Rig) -> None
     assert rig.do("tune", "speed", 3.0).state is CommandState.REFUSED
 
 
+def test_the_event_of_a_take_over_differs_from_that_of_a_lease_that_was_free(rig: Rig) -> None:
+    assert rig.do("lease").asked == "lease"
+    assert rig.do("lease", key="b", over=True).asked == "lease over=True"
+
+
 def test_a_lease_that_is_not_renewed_ends_with_all_that_its_holder_had_begun(rig: Rig) -> None:
     rig.do("lease", seconds=1.0)
     rig.do("write", "heater", 5.0)

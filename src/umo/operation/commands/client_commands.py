@@ -63,7 +63,8 @@ class ClientCommand:
         return cls(number, seconds=seconds, **text)
 
     def __str__(self) -> str:
-        words = [self.do, self.path, *(f"{name}={value}" for name, value in self.arguments.items())]
+        given = {**({"over": True} if self.over else {}), **self.arguments}
+        words = [self.do, self.path, *(f"{name}={value}" for name, value in given.items())]
         return " ".join([*filter(None, words), *([] if self.value is None else [str(self.value)])])
 
 

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { clusterAt, clustersOf, kindOf, KINDS, linesOf, marksOf, sentence } from "../../../../src/umo/clients/page/static/marks.js";
+import { clusterAt, clustersOf, kindOf, KINDS, linesOf, listed, marksOf, sentence } from "../../../../src/umo/clients/page/static/marks.js";
 
 const event = (more) => ({ time: 0, path: "", text: "", who: "", command: 0, state: "none", asked: "", ...more });
 const mark = (time, kind = "command") => ({ time, kind, text: `at ${time}` });
@@ -34,6 +34,12 @@ test("alarms, faults, interlocks and ends have kinds of their own", () => {
   ];
   for (const [kind, told] of cases) assert.equal(kindOf(told), kind, sentence(told));
   assert.ok(cases.every(([kind]) => kind in KINDS));
+});
+
+test("the list of events leaves out that a client takes or gives back its lease, but not a take-over or a refusal", () => {
+  const command = (asked, state = "done") => event({ asked, state, command: 1, who: "ann" });
+  const kept = [command("lease over=True"), command("lease", "refused"), command("mode manual"), command("write z 1"), event({ text: "lease" })];
+  assert.deepEqual(listed([command("lease"), ...kept, command("give back")]), kept);
 });
 
 test("marks close to each other are one, of the gravest kind, and stay together while the picture moves on", () => {

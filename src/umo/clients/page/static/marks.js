@@ -7,6 +7,7 @@ const REACH = 10;  // CSS pixels beside a mark at which it is told
 const MAX_TOLD = 6;  // events that a mark tells
 const COMES = /^(bad )?unacknowledged /;  // an alarm's state that begins its text (umo/operation/alarms)
 const ENDS = /^(fault cleared|is back|was initialised again)/;  // umo/cycle
+const OF_LEASE = ["lease", "give back"];  // what a client asks for its lease (umo/operation/commands/verbs.py)
 const GUARDED = /^(inhibited|command expired)| actuators inhibited| commands expired/;  // of one actuator, of several
 
 /** The kinds, the gravest first, in words. */
@@ -23,6 +24,9 @@ export function sentence(event) {
   const what = withShortNumbers([path, asked, state && state !== "none" ? state : "", text].filter(Boolean).join(": "));
   return [when, what, who ? `(${who})` : ""].filter(Boolean).join(" ");
 }
+
+/** The events of a list: without those of a client that has only taken or given back its lease; a take-over stays. @param {Page.Event[]} events */
+export const listed = (events) => events.filter(({ asked, state }) => state !== "done" || !OF_LEASE.includes(asked));
 
 /**
  * The marks of the scope, in the order of time.

@@ -1,7 +1,7 @@
 /** Beside the objects: the run, who has control, the newest black box, the events. */
 
 import { el, setText } from "./dom.js";
-import { sentence } from "./marks.js";
+import { listed, sentence } from "./marks.js";
 
 const MAX_EVENTS = 100;  // shown
 
@@ -44,7 +44,7 @@ export class Panel {
 
   /** The newest first. @param {Page.Event[]} events */
   _show(events) {
-    const shown = events.slice(-MAX_EVENTS).reverse().map(sentence);
+    const shown = listed(events).slice(-MAX_EVENTS).reverse().map(sentence);
     const text = shown.join("\n");
     if (text === this._shown) return;
     this._shown = text;
