@@ -10,23 +10,37 @@ from pathlib import Path
 from typing import Any
 
 from umo.errors import DeclarationError, OptionError, RangeError, StateError
-from umo.objects.units import convert
+from umo.objects.units import convert, line_between
 from umo.text import did_you_mean
 
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
+CONVERTED_DIGITS = 12
+"""Number of significant digits of a number that is converted from another unit. The conversion has rounding errors in
+further digits: 194 degF would be 89.9999999999976 degC."""
+
+
 def number(name: str, text: str, unit: str) -> float:
-    """Return a number in `unit`. It is given alone, or with a unit such as "80 mm". An integer stays an integer,
-    because a float would change integers beyond 2**53. Raises RangeError if the word is not a number, or the number is
-    not finite."""
+    """Return a number in `unit`. It is given alone, or with a unit such as "80 mm"; then it has 12 significant digits.
+    An integer stays an integer, because a float would change integers beyond 2**53. Raises RangeError if the word is
+    not a number, or the number is not finite."""
+    return _number(name, text, unit, is_difference=False)
+
+
+def difference(name: str, text: str, unit: str) -> float:
+    """Return a number like `number`, but converted as a difference: 10 K are 10 °C."""
+    return float(_number(name, text, unit, is_difference=True))
+
+
+def _number(name: str, text: str, unit: str, is_difference: bool) -> float:
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     if match is None:
         raise RangeError(f"{name}: {text!r} is not a number{f' in {unit}' if unit else ''}")
     if re.match(r",\d", match[2]):
         raise RangeError(f"{name}: {text!r} is not a number; write {text.strip().replace(',', '.', 1)}")
     try:
-        value = convert(float(match[1]), match[2] or unit, unit)
+        value = _converted(float(match[1]), match[2] or unit, unit, is_difference)
     except DeclarationError as error:
         raise RangeError(f"{name}: {error}") from None
     if not math.isfinite(value):
@@ -35,10 +49,20 @@ def number(name: str, text: str, unit: str) -> float:
     return int(match[1]) if is_whole else value
 
 
-def difference(name: str, text: str, unit: str) -> float:
-    """Return a number like `number`, but converted as a difference: 10 K are 10 °C."""
-    own = re.sub(r"^\s*[-+\d.]+(?:[eE][-+]?\d+)?\s*", "", text).strip()
-    return number(name, text, unit) - convert(0.0, own or unit, unit)
+def _converted(value: float, source: str, target: str, is_difference: bool) -> float:
+    """Return a number in another unit, rounded to 12 significant digits of the number or of the offset of the units,
+    whichever is larger: 32 degF are 0 degC."""
+    found = convert(value, source, target)
+    if source == target:
+        return found
+    if is_difference:
+        found, line = found - convert(0.0, source, target), None
+    else:
+        line = line_between(source, target)
+    size = max(abs(found), abs(line[1]) if line is not None else 0.0)
+    if not 0.0 < size < math.inf:
+        return found
+    return round(found, max(CONVERTED_DIGITS - 1 - math.floor(math.log10(size)), 0)) + 0.0  # never -0.0
 
 
 def state(name: str, text: str, states: Sequence[str]) -> str:

@@ -251,6 +251,8 @@ def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> 
     assert 'put "sorter.window" = 30.123456789 under [parameters] of the wiring' in said(result)
     until(lambda: run("tune", "number", "conveyor", "sorter.window").stdout == "sorter.window  30.123456789 mm\n")
     assert "1 to 100" in run("tune", "number", "conveyor").stdout
+    assert tomllib.loads(run("tune", "save", "conveyor").stdout)["parameters"] == {"sorter.window": 30.123456789}
+    run("tune", "number", "conveyor", "sorter.window", "30.123456789000002")
     lines = run("tune", "save", "conveyor").stdout
     assert lines.startswith('[parameters]\n"sorter.window" = ')
     assert tomllib.loads(lines)["parameters"] == {"sorter.window": 30.123456789000002}  # as the machine has it
