@@ -42,14 +42,19 @@ def next_steps(
     folder: Path, found: Sequence[RunReader], stopped: Sequence[Ended] = (), failed: Sequence[str] = ()
 ) -> list[Step]:
     """Return three steps: first those for conditions that wait for an operator, then those that show or do something
-    else. `failed`: the stations of runs that failed."""
+    else. `stopped`: the machines that must be acknowledged; they have steps only if no station runs, because they may
+    belong to other folders. `failed`: the stations of runs that failed."""
     steps: list[Step] = []
     for reader in found:
         steps += _waiting(str(reader.about["station"]), reader, reader.latest())
-    steps += [
-        (f"umo do {printable(each.station)} acknowledge", "allow the next run, after you have inspected the machine")
-        for each in stopped
-    ]
+    if not found:
+        steps += [
+            (
+                f"umo do {printable(each.station)} acknowledge",
+                "allow the next run, after you have inspected the machine",
+            )
+            for each in stopped
+        ]
     steps += [(f"umo show why {printable(name)}", "show why its last run failed") for name in failed]
     steps = list(dict.fromkeys(steps))
     if found:

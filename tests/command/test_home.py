@@ -66,6 +66,7 @@ def test_what_stands_stopped_is_to_be_acknowledged(tmp_path: Path) -> None:
 
 def test_steps_are_named_once_and_leave_room_for_what_runs(tmp_path: Path) -> None:
     stopped = [SimpleNamespace(station="press")] * 9
+    assert commands(tmp_path, [run("tank")], stopped)[0] == "umo show values tank"
     found = commands(tmp_path, [run("tank", alarms=1, faults={"ram": "it stuck"})], stopped)
     assert found == ["umo alarm list tank", "umo do tank clear", "umo show values tank"]
     assert commands(tmp_path, [], stopped)[1] == "umo run ztheta --realtime"

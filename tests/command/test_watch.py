@@ -25,11 +25,12 @@ from umo.errors import FramesError, PathError
 from umo.objects.presentation.described import Described
 from umo.objects.presentation.rows import folded, quality_of, value_of
 from umo.states import OnOff
-from umo.system.device_record import DeviceRecord
+from umo.system.device_record import DeviceRecord, Ended
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring.patterns import chosen
 from umo_command.app import app
 from umo_command.run.follow import _name_other_runs
+from umo_command.show import stations
 from umo_command.show.stations import attach, how_ended
 from umo_command.show.traces import Traces, spark, traced_span
 from umo_command.show.values_live import WatchScreen, parse, pressed
@@ -90,6 +91,18 @@ def test_ps_says_in_one_line_of_a_machine_what_matters() -> None:
     (line,) = [line for line in umo("show", "stations").stdout.splitlines() if "press" in line]
     assert line.startswith("must be acknowledged: press (rig), not reached: axis 0, axis 1 and 48 others, bus 1")
     assert len(line) <= 160
+
+
+def test_while_a_station_runs_the_machines_that_stand_stopped_are_only_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ended = [Ended(f"port {n}", "tank", "", "stopped", float(n)) for n in range(8)]
+    monkeypatch.setattr(stations, "all_standing", lambda: ended)
+    with running():
+        for words in ((), ("show", "stations")):
+            lines = [line for line in umo(*words).stdout.splitlines() if "acknowledge" in line]
+            assert lines == ["must be acknowledged: 8 machines; `umo show stations --json` lists them"]
+        assert len(json.loads(umo("show", "stations", "--json").stdout)["stopped"]) == 8
 
 
 def test_watch_once_shows_every_object_with_its_unit() -> None:

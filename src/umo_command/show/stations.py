@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from rich.table import Table
@@ -18,7 +18,7 @@ from umo.process.frames.run_reader import progress_of
 from umo.process.source_files import changed_files, changed_text
 from umo.system.device_lock import is_held
 from umo.system.device_record import Ended, all_standing
-from umo.text import printable, some
+from umo.text import count_of, printable, some
 from umo.wiring.patterns import chosen
 from umo_command.console import out, plain_table, say
 
@@ -46,6 +46,14 @@ def show_stations(as_json: bool = False) -> None:
             _remark(data, facts, [each["station"] for each, _ in found].count(data["station"]) > 1)
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
+    if found and stopped:
+        listing = "`umo show stations --json` lists them"
+        out.print(f"must be acknowledged: {count_of(len(stopped), 'machine')}; {listing}", soft_wrap=True)
+    else:
+        _list_stopped(stopped)
+
+
+def _list_stopped(stopped: Sequence[Ended]) -> None:
     for ended in stopped[:MAX_STOPPED]:
         out.print(f"must be acknowledged: {ended.brief}", no_wrap=True, overflow="ellipsis")
     if stopped:
