@@ -280,9 +280,15 @@ class Doubled(Bench):
             self.valve.write(OnOff.ON)
 
 
-def doubled(**settings: Any) -> Case:
+class Warm(Doubled, numbers={"warmth": Number("degC", shown=True)}):
+    @property
+    def warmth(self) -> float:
+        return 600.0 * self.factor
+
+
+def doubled(kind: type[Doubled] = Doubled, **settings: Any) -> Case:
     def machine() -> Any:
-        made = bench(Doubled, motor=actuator(limits="clamp"))
+        made = bench(kind, motor=actuator(limits="clamp"))
         vars(made).update(settings)
         return made
 
@@ -313,6 +319,12 @@ def test_the_first_difference_is_told_with_its_period_object_and_both_values() -
     assert (result.difference.period, result.difference.path) == (30, "motor")
     assert (result.difference.recorded, result.difference.replayed) == ("1.5 V (raw 3)", "2.0 V (raw 4)")
     assert result.status == 1 and "first difference in period 30, 0.031 s: motor" in str(result)
+
+
+def test_the_signals_that_differ_have_their_units_as_everywhere() -> None:
+    changed = doubled(Warm, factor=0.2).replay(doubled(Warm).record())
+    assert changed.difference is not None
+    assert changed.difference.signals == ("warmth: recorded 60 °C, replayed 120 °C",)
 
 
 def test_a_program_that_ends_earlier_or_fails_differs_and_one_that_goes_on_ends_with_the_recording() -> None:

@@ -12,9 +12,7 @@ from umo.cycle.frame import Frame
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.showing import frame_of
-from umo.digits import number_text
 from umo.drivers.contract import Direction
-from umo.objects.presentation.described import Described
 from umo.process.frames.layout import ENTRY as ENTRY_ROW
 from umo.process.frames.layout import Layout
 from umo.recording.replay.player import Player
@@ -188,13 +186,9 @@ class Comparison:
         for about, value in zip(self._layout.described.signals, recorded, strict=False):
             now = replayed.get(about.path, value)
             if now != value and not (isnan(now) and isnan(value)):
-                found.append(f"{about.path}: recorded {_shown(about, value)}, replayed {_shown(about, now)}")
+                found.append(f"{about.path}: recorded {about.text(value)}, replayed {about.text(now)}")
         rest = len(found) - MAX_SIGNALS
         return found[:MAX_SIGNALS] + ([f"and {rest} more signals"] if rest > 0 else [])
-
-
-def _shown(about: Described, value: float) -> str:
-    return f"{number_text(value)} {about.unit}".rstrip()
 
 
 def _whole(what: str, count: int) -> str:
