@@ -16,7 +16,7 @@ from umo.text import count_of, printable
 
 from .console import out
 from .run.long_runs import newest, recorded
-from .show.stations import show_stations, standing
+from .show.stations import MAX_STOPPED, show_stations, standing
 
 Step = tuple[str, str]
 """A command with its description."""
@@ -42,12 +42,12 @@ def next_steps(
     folder: Path, found: Sequence[RunReader], stopped: Sequence[Ended] = (), failed: Sequence[str] = ()
 ) -> list[Step]:
     """Return three steps: first those for conditions that wait for an operator, then those that show or do something
-    else. `stopped`: the machines that must be acknowledged; they have steps only if no station runs, because they may
-    belong to other folders. `failed`: the stations of runs that failed."""
+    else. `stopped`: the machines that must be acknowledged; if there are many while a station runs, they belong to other work. `failed`: the
+    stations of runs that failed."""
     steps: list[Step] = []
     for reader in found:
         steps += _waiting(str(reader.about["station"]), reader, reader.latest())
-    if not found:
+    if not found or len(stopped) <= MAX_STOPPED:
         steps += [
             (
                 f"umo do {printable(each.station)} acknowledge",

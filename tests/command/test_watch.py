@@ -93,7 +93,7 @@ def test_ps_says_in_one_line_of_a_machine_what_matters() -> None:
     assert len(line) <= 160
 
 
-def test_while_a_station_runs_the_machines_that_stand_stopped_are_only_counted(
+def test_while_a_station_runs_many_machines_that_stand_stopped_are_only_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     ended = [Ended(f"port {n}", "tank", "", "stopped", float(n)) for n in range(8)]

@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from math import inf
-from pathlib import Path
 from typing import Any
 
 from rich.table import Table
@@ -27,7 +26,7 @@ from umo.process.frames import Reader, RunReader
 from umo.process.source_files import changed_files, changed_text
 from umo.system.processes import user_name
 from umo.system.streams import limit_waits
-from umo.text import add_note, did_you_mean, printable, shown_path, some
+from umo.text import add_note, did_you_mean, printable, some
 from umo_command.console import err, out, say
 from umo_command.progress_line import OneLine
 from umo_command.running_names import not_an_object
@@ -221,15 +220,8 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
         if path in station.reader.kept:
             err.print("the number is declared kept: the next run begins with this value", soft_wrap=True)
             return
-        keep = f"put {toml_line(path, given)} under [parameters] of {_wiring_of(station.reader)}"
+        keep = f"put {toml_line(path, given)} under [parameters] of the wiring {station.reader.about['wiring']}"
         err.print(f"this value lasts until the run ends; to keep it, {keep}", soft_wrap=True)
-
-
-def _wiring_of(reader: RunReader) -> str:
-    """Return the wiring file of a run, if it is on this computer."""
-    about = reader.about
-    file = Path(about.get("place") or ".", "wiring", f"{about.get('wiring')}.toml")
-    return shown_path(str(file)) if file.is_file() else "the wiring"
 
 
 def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:

@@ -46,7 +46,7 @@ def show_stations(as_json: bool = False) -> None:
             _remark(data, facts, [each["station"] for each, _ in found].count(data["station"]) > 1)
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
-    if found and stopped:
+    if found and len(stopped) > MAX_STOPPED:
         listing = "`umo show stations --json` lists them"
         out.print(f"must be acknowledged: {count_of(len(stopped), 'machine')}; {listing}", soft_wrap=True)
     else:
