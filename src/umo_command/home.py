@@ -42,8 +42,8 @@ def next_steps(
     folder: Path, found: Sequence[RunReader], stopped: Sequence[Ended] = (), failed: Sequence[str] = ()
 ) -> list[Step]:
     """Return three steps: first those for conditions that wait for an operator, then those that show or do something
-    else. `stopped`: the machines that must be acknowledged; if there are many while a station runs, they belong to other work. `failed`: the
-    stations of runs that failed."""
+    else. `stopped`: the machines that must be acknowledged; many of them have no step while a station runs, because
+    they belong to other work. `failed`: the stations of runs that failed."""
     steps: list[Step] = []
     for reader in found:
         steps += _waiting(str(reader.about["station"]), reader, reader.latest())
