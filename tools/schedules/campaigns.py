@@ -105,9 +105,10 @@ class Player:
         return self.answer()
 
     def close(self) -> None:
-        """Its worlds end with it."""
+        """Its worlds end with it. An answer that nobody has taken is read: the player would wait for that."""
         assert self._process.stdin is not None
         self._process.stdin.close()
+        self.answers.read()
         self._process.wait()
         self.answers.close()
 
