@@ -180,6 +180,19 @@ def test_a_file_in_the_place_of_a_path_is_told_the_option_for_it(umo: Umo, recor
     assert "out.csv is not a path of the machine; to write a file, give --out out.csv" in told
 
 
+@pytest.mark.parametrize(("verb", "target"), [("export", "run.csv"), ("export", "run.npz"), ("plot", "run.png")])
+def test_a_span_without_values_is_refused_before_anything_is_written(
+    umo: Umo, recorded: Path, verb: str, target: str
+) -> None:
+    if verb == "plot":
+        pytest.importorskip("matplotlib")
+    Path(target).write_text("good")
+    for span in (("--from", "1", "--to", "5"), ("--from", "0.45")):  # after the end; only what replay needs
+        result = umo("recording", verb, str(recorded), *span, "--out", target)
+        assert result.exit_code == 2 and Path(target).read_text() == "good"
+        assert "run.mcap has no values at these times; its periods are from 0 s to 0.506 s" in result.stderr
+
+
 def test_what_is_no_recording_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(b"no recording")
     for words in (
@@ -263,10 +276,8 @@ def test_a_plot_of_many_objects_has_fewer_periods(recorded: Path, monkeypatch: p
 
 def test_to_0_is_nothing_and_not_everything(umo: Umo, recorded: Path) -> None:
     for nothing in ("0", "0 s", "0s", "0.0"):
-        assert (
-            "run.csv: 0 periods"
-            in umo("recording", "export", str(recorded), "--out", "run.csv", "--to", nothing).stdout
-        )
+        result = umo("recording", "export", str(recorded), "--out", "run.csv", "--to", nothing)
+        assert "run.mcap has no values at these times" in result.stderr
 
 
 def test_the_span_without_a_timer_is_that_of_its_periods(tmp_path: Path) -> None:

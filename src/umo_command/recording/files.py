@@ -90,8 +90,6 @@ def plot(file: Path, wanted: ValueSelection, target: Path | None) -> int:
     with Recording(file) as recording, OneLine(err) as line:
         values = _values(recording, wanted)
         drawn = _drawn(values, line, with_alarms=not wanted.paths)
-        if not len(drawn.rows):
-            raise FramesError(f"{file} has no values at these times")
         about = recording.about
         when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(float(about.get("started", 0.0))))
         heading = f"{title(about['station'], about.get('wiring'))}: {file.name}, recorded from {when} on"
@@ -136,9 +134,16 @@ def _drawn(values: Any, line: OneLine, with_alarms: bool = False) -> Any:
 
 
 def _values(recording: Any, wanted: ValueSelection) -> Any:
+    """Return the selected values. Raises FramesError if there are none."""
     from umo.recording.tables.recorded_values import RecordedValues
 
-    return RecordedValues(recording, wanted.paths, wanted.start, wanted.stop)
+    values = RecordedValues(recording, wanted.paths, wanted.start, wanted.stop)
+    if next(values.parts(), None) is None:
+        first, last = recording.span
+        raise FramesError(
+            f"{recording.path} has no values at these times; its periods are from {first:g} s to {last:g} s"
+        )
+    return values
 
 
 def _tell_missing(values: Any) -> None:
