@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from umo.errors import WiringError
 from umo.plant.register_map import register_maps
 from umo.plant.simulation import Simulation
 from umo.process.station import find
@@ -75,11 +76,28 @@ def test_umo_plant_refuses_a_wrong_fault(umo):
 def test_a_fault_of_the_command_line_is_blamed_on_it(umo):
     result = umo("run", "conveyor", "--fault", "sorter.belt.sped stuck")
     assert result.exit_code == 2
-    assert (
-        "1 error in --fault\n--fault 'sorter.belt.sped stuck': there is no object or driver 'sorter.belt.sped'"
-        in result.stderr
-    )
-    assert ".toml" not in result.stderr
+    assert "umo: --fault 'sorter.belt.sped stuck': there is no object or driver 'sorter.belt.sped'" in result.stderr
+    assert ".toml" not in result.stderr and "wiring" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("ztheta", "--parts", "200"), "umo: --parts: must be 1 to 6, not 200\n"),
+        (("ztheta", "--seed", "2", "--parts", "0"), "umo: --parts: must be 1 to 6, not 0\n"),
+        (("furnace", "--faults", "x:3"), "umo: --faults: there is no fault 'x'; the faults are: broken-thermocouple"),
+    ],
+)
+def test_a_value_of_the_command_line_that_a_driver_refuses_is_blamed_on_its_option(umo, words, told):
+    result = umo("run", *words)
+    assert result.exit_code == 2 and told in result.stderr
+    assert ".toml" not in result.stderr and "wiring" not in result.stderr
+
+
+def test_a_value_of_the_wiring_that_a_driver_refuses_is_blamed_on_the_wiring():
+    wiring = {"wire": {"timer": {"driver": "plant"}}, "drivers": {"plant": {"type": "ztheta", "parts": 200}}}
+    with pytest.raises(WiringError, match=r"drivers\.plant: parts must be 1 to 6, not 200"):
+        resolve(find("ztheta").machine(), wiring, {"seed": 3})
 
 
 def test_h_is_help(umo):

@@ -10,6 +10,7 @@ import inspect
 import math
 import operator
 from collections.abc import Hashable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -22,7 +23,7 @@ from umo.drivers.faults.fault_syntax import InjectedFault
 from umo.drivers.faults.wrapper import Injection
 from umo.drivers.optional import HasWatchdog, PhysicalScale, scale_of
 from umo.duration import duration, seconds
-from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
+from umo.errors import DeclarationError, Mistake, OptionError, RangeError, WiringError, text_of
 from umo.objects import (
     Actuator,
     Atomic,
@@ -48,6 +49,7 @@ from umo.text import count_of
 from umo.wiring.controller_table import check_controllers, give_to_controllers
 from umo.wiring.fault_binding import inject
 from umo.wiring.off_cycle_table import OFF_CYCLE, DriverTable, check_shared_devices, driver_table, take_off_cycle
+from umo.wiring.parameters import flag
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
 from umo.wiring.rates import rates_of
@@ -61,8 +63,8 @@ if TYPE_CHECKING:
 
 DEFAULT_PERIOD = "1 ms"
 SEED = a_whole(0, int(INT64.max))
-FAULT_OPTION = "--fault "
-"""The name in place of a file for a mistake in a fault from the command line."""
+OPTION = "--"
+"""The beginning of the name in place of a file for a mistake in an option of the run."""
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
@@ -79,13 +81,14 @@ def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) 
 def resolve(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any] | None = None
 ) -> Wired:
-    """Return the checked and complete wiring. Raises WiringError, which lists every mistake. No device is opened.
-    `options`: the options for its drivers (`umo.wiring.run_options.distribute_options`)."""
+    """Return the checked and complete wiring. Raises WiringError, which lists every mistake, or OptionError if only the
+    options are wrong. No device is opened. `options`: the options for its drivers
+    (`umo.wiring.run_options.distribute_options`)."""
     wired, mistakes = _Resolver(root, wiring, options or {}).run()
     if mistakes:
-        in_wiring = any(not each.file.startswith(FAULT_OPTION) for each in mistakes)
-        where = "the wiring" if in_wiring else FAULT_OPTION.strip()
-        raise WiringError(f"{count_of(len(mistakes), 'error')} in {where}", mistakes)
+        if all(each.file.startswith(OPTION) for each in mistakes):
+            raise OptionError("\n".join(map(str, mistakes)))
+        raise WiringError(f"{count_of(len(mistakes), 'error')} in the wiring", mistakes)
     return wired
 
 
@@ -227,10 +230,30 @@ class _Resolver:
         except ValidationError as error:
             types = {key: each.annotation for key, each in signature.items()}
             for key, message in mistakes_of(error, [*signature, *RESERVED], types):
-                self.source.mistake(f"drivers.{name}.{key}", message)
+                if key.partition(".")[0] in self.options:
+                    self._mistake_of_option(key, message)
+                else:
+                    self.source.mistake(f"drivers.{name}.{key}", message)
         except (Exception, SystemExit) as error:  # of the driver's constructor
-            self.source.mistake(f"drivers.{name}", text_of(error))
+            if wrong := self._wrong_option(cls, signature, given):
+                self._mistake_of_option(wrong, text_of(error))
+            else:
+                self.source.mistake(f"drivers.{name}", text_of(error))
         return None
+
+    def _wrong_option(self, cls: Any, signature: Mapping[str, inspect.Parameter], given: Mapping[str, Any]) -> str:
+        """Return the option of the run without which the driver can be made; "" if there is none."""
+        from umo.wiring.schema import arguments_of
+
+        for name in filter(signature.__contains__, self.options):
+            others = {key: value for key, value in self.options.items() if key != name}
+            with suppress(Exception, SystemExit):
+                cls(**arguments_of(cls, signature, given, self.source.file, others))
+                return name
+        return ""
+
+    def _mistake_of_option(self, name: str, message: str) -> None:
+        self.source.mistakes.append(Mistake(flag(name), "", message.removeprefix(f"{name} ")))
 
     def _own_module(self, kind: str) -> str:
         """Return a hint if a module of the station was probably meant."""
@@ -499,7 +522,7 @@ class _Resolver:
         if number < written:
             self.source.mistake("faults", f"fault {text!r}: {why}")
         else:
-            self.source.mistakes.append(Mistake(f"{FAULT_OPTION}{text!r}", "", why))
+            self.source.mistakes.append(Mistake(f"{flag(FAULT)} {text!r}", "", why))
 
     def _pace(self, wires: list[Wire], timer: Atomic | None) -> bool:
         """Let the timer's wire keep the pace of real time. Return False if its driver runs in real time by itself."""
