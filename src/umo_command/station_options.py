@@ -28,6 +28,8 @@ from umo.wiring.parameters import arguments_for, flag
 from umo_command.shared import command_that_runs, plain
 
 TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
+METAVAR_WIDTH = 24
+"""Largest number of characters of a line of choices in the help."""
 NUMBERS: dict[Any, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT}
 
 
@@ -56,12 +58,16 @@ class Option:
         return "|".join(map(str, choices)) if (choices := choices_of(item)) else TYPES.get(item, "TEXT")
 
     @property
+    def is_repeated(self) -> bool:
+        return item_of(self.kind) is not self.kind
+
+    @property
     def parameter(self) -> click.Option:
         item = item_of(self.kind)
         if item is bool:
             return click.Option([self.name, f"{self.flag}/{flag('no_' + self.name)}"], default=None)
         kind = click.Choice(choices) if (choices := choices_of(item)) else NUMBERS.get(item, click.STRING)
-        return click.Option([self.name, self.flag], type=kind, multiple=item is not self.kind)
+        return click.Option([self.name, self.flag], type=kind, multiple=self.is_repeated)
 
 
 def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
@@ -172,12 +178,26 @@ def _unknown(taker: str, options: Sequence[Option], argument: str, command: Sequ
 def help_panel(station: Station, wiring: str | None, *, application: bool = True) -> Panel:
     """Return a table of a station's options, in the form that `--help` uses for those of umo."""
     table = Table.grid(padding=(0, 2))
+    for _ in range(4):
+        table.add_column(overflow="fold")
     for option in options_of(station, wiring, application=application):
         shown = f"[default: {_shown(option.default)}]" if option.default not in (None, ()) else ""
         shown = "[required]" if option.required else shown
-        about = "  ".join(filter(None, (option.about.rstrip("."), shown)))
-        table.add_row(*map(Text, (option.flag, option.metavar, option.taker, about)))
+        repeated = "may be repeated" if option.is_repeated else ""
+        told = "; ".join(filter(None, (option.about.rstrip("."), repeated)))
+        about = "  ".join(filter(None, (told, shown)))
+        table.add_row(*map(Text, (option.flag, _in_lines(option.metavar), option.taker, about)))
     return Panel(table, title=f"Options of {station.name}", title_align="left", border_style="dim")
+
+
+def _in_lines(metavar: str) -> str:
+    """Return the choices of an option in lines of at most `METAVAR_WIDTH` characters."""
+    lines = [""]
+    for word in re.findall(r"[^|]+\|?", metavar):
+        if lines[-1] and len(lines[-1] + word) > METAVAR_WIDTH:
+            lines.append("")
+        lines[-1] += word
+    return "\n".join(lines)
 
 
 def _shown(default: Any) -> str:

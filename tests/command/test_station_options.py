@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import pytest
 from rich.console import Console
@@ -14,6 +14,8 @@ from umo.errors import OptionError
 from umo.objects import atoms
 from umo.process.job import Job, Plan
 from umo.process.station import Station, find
+from umo.stations.furnace.plant import FAULTS
+from umo.stations.ztheta.plant import Breakage
 from umo_command.station_options import Option, help_panel, machine_and_words, options_of, parse
 
 
@@ -138,6 +140,28 @@ def test_the_help_shows_names_types_and_defaults() -> None:
     assert ["--mode", "slow|fast", "application", "[default:", "slow]"] in lines
     assert ["--colour", "red|blue", "application", "[default:", "red]"] in lines
     assert ["--deep-draw", "INTEGER", "application"] in lines
+
+
+def shown_help(name: str, width: int) -> str:
+    console = Console(width=width)
+    with console.capture() as captured:
+        console.print(help_panel(find(name), None))
+    return captured.get()
+
+
+def test_the_help_wraps_long_choices_and_cuts_nothing() -> None:
+    told = shown_help("ztheta", 80)
+    assert "…" not in told and all(kind in told for kind in get_args(Breakage))
+
+
+def test_the_help_lists_the_kinds_of_failures_of_the_furnace() -> None:
+    told = " ".join(shown_help("furnace", 160).replace("│", " ").split())
+    assert ", ".join(FAULTS) in told
+
+
+def test_the_help_says_which_options_may_be_repeated() -> None:
+    recipe, others = shown_help("batch", 160).split("--batches")
+    assert "may be repeated" in " ".join(recipe.replace("│", " ").split()) and "be repeated" not in others
 
 
 def test_a_type_that_cannot_be_shown_is_text() -> None:

@@ -53,7 +53,8 @@ class Plant(Driver[FurnaceChannel], Reports):
 
     Options:
         seed: seed of the random spread of the zones.
-        faults: the failures, as KIND:ZONE or KIND:ZONE@SECONDS, such as stuck-heater:3@90.
+        faults: the failures, as KIND:ZONE or KIND:ZONE@SECONDS, such as stuck-heater:3@90; the kinds are
+            broken-thermocouple, loose-thermocouple, shorted-thermocouple, stuck-heater, dead-heater.
     """
 
     simulates_time = True
