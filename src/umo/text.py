@@ -246,12 +246,12 @@ def without_search() -> Iterator[None]:
         _SEARCHES.reset(before)
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.5) -> str:
     """Return the nearest of the known names as text to append to a message. The text is empty if no name is similar,
-    and within `without_search`."""
+    and within `without_search`. `cutoff`: the least similarity, from 0 to 1."""
     if not _SEARCHES.get():
         return ""
-    near = difflib.get_close_matches(name[:200], list(islice(known, COMPARED_NAMES)), n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name[:200], list(islice(known, COMPARED_NAMES)), n=1, cutoff=cutoff)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 

@@ -149,11 +149,21 @@ def test_what_can_be_done_is_known_before_what_was_asked_for_is_carried_out(
 
 def test_what_cannot_be_done_is_refused_with_the_state(rig: Rig) -> None:
     rig.ann.do("lease")
-    assert rig.ann.do("acknowledge alarm", "tanks.0.full").text == (
-        "CommandRefused: tanks.0.full is normal: it cannot be acknowledged"
+    assert (
+        rig.ann.do("reset alarm", "tanks.0.full").text == "CommandRefused: tanks.0.full is normal: it cannot be reset"
     )
-    assert rig.ann.do("acknowledge alarm").text == '"none of these alarms can be acknowledged"'
+    assert rig.ann.do("reset alarm").text == '"none of these alarms can be reset"'
     assert rig.ann.do("shelve", "tanks.0.fall", 60.0).text == ("PathError: there is no alarm 'tanks.0.fall'")
+    assert rig.ann.do("shelve", "*.full", 60.0).text == (
+        "PathError: there is no alarm '*.full'; * stands for one part of a path"
+    )
+
+
+@pytest.mark.parametrize("path", ["", "tanks.0", "tanks.0.full"])
+def test_an_acknowledgement_without_effect_is_no_error(rig: Rig, path: str) -> None:
+    rig.ann.do("lease")
+    answer = rig.ann.do("acknowledge alarm", path)
+    assert answer.state is CommandState.DONE and answer.text == '"nothing to acknowledge"'
 
 
 @pytest.mark.parametrize("time", [0.0, -1.0, True, "10 mi", "8 d", float("nan"), float("inf"), 1e9, [], 10**400])
@@ -166,7 +176,9 @@ def test_a_shelf_has_a_time(rig: Rig, time: Any) -> None:
 
 def test_the_time_of_a_shelf_may_have_a_unit_and_must_not_be_left_out(rig: Rig) -> None:
     rig.ann.do("lease")
-    assert rig.ann.do("shelve", "tanks.0.full").text == "RangeError: shelve needs time: a time from 0.001 to 604800 s"
+    assert rig.ann.do("shelve", "tanks.0.full").text == (
+        'RangeError: shelve needs time: a time from 0.001 to 604800 s, such as "10 min"'
+    )
     assert rig.ann.do("shelve", "tanks.0.full", "10 min").state is CommandState.DONE
     assert rig.rows[0].note == "for 600 s"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -98,6 +99,20 @@ def test_other_answers_stay_as_they_are(answered: dict[str, tuple[Event, Event]]
     layout = Layout(({"path": "zones.0.heater", "actuator": True},), (), {})
     for each in others:
         assert with_nearest(each, layout) == each
+
+
+@pytest.mark.parametrize(
+    ("pattern", "near"), [("*.hot", "reactors.*.temperature.hot"), ("reactor.*.full", "reactors.*.full")]
+)
+def test_for_a_pattern_that_names_nothing_the_nearest_pattern_is_named(
+    pattern: str, near: str, answered: dict[str, tuple[Event, Event]]
+) -> None:
+    paths = [f"reactors.{number}.{name}" for number in range(2) for name in ("full", "temperature.hot")]
+    layout = replace(Layout((), (), {}), alarms=tuple({"path": path} for path in paths))
+    text = f"PathError: there is no alarm {pattern!r}; * stands for one part of a path"
+    event = answered["write"][0]._replace(asked="shelve", path=pattern, text=text)
+    told = f"PathError: there is no alarm {pattern!r} (did you mean {near!r}?); * stands for one part of a path"
+    assert with_nearest(event, layout).text == told
 
 
 def test_within_a_period_no_message_seeks() -> None:

@@ -10,7 +10,9 @@ from typing import Any
 
 from umo.cycle.events import CommandState, Event
 from umo.cycle.law_loops import NAMES as EXPERIMENTS
+from umo.objects.paths import is_pattern
 from umo.objects.presentation.described import Described
+from umo.objects.presentation.rows import ANY, generalised
 from umo.operation.commands.verb import Names
 from umo.operation.commands.verbs import VERBS
 from umo.process.frames.layout import Layout
@@ -33,7 +35,18 @@ def with_nearest(event: Event, layout: Layout) -> Event:
     if quoted[1] in known:
         return event
     at = quoted.end()
-    return event._replace(text=f"{event.text[:at]}{did_you_mean(quoted[1], known)}{event.text[at:]}")
+    return event._replace(text=f"{event.text[:at]}{_nearest(quoted[1], known)}{event.text[at:]}")
+
+
+def _nearest(name: str, known: Sequence[str]) -> str:
+    """Return the nearest known name as text to append to a message. For a pattern, return the nearest pattern; those
+    with the same last parts come first."""
+    if not is_pattern(name):
+        return did_you_mean(name, known)
+    patterns = list(dict.fromkeys(map(generalised, known)))
+    last = name.rpartition(f"{ANY}.")[2]
+    ends = [each for each in patterns if each.endswith(f".{last}")]
+    return did_you_mean(name, ends, cutoff=0.0) or did_you_mean(name, patterns)
 
 
 def _known(event: Event, layout: Layout) -> Iterator[str]:

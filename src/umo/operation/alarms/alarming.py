@@ -15,6 +15,7 @@ from umo.duration import duration
 from umo.errors import CommandRefused, PathError, UmoError
 from umo.objects import Compound
 from umo.objects.paths import is_pattern
+from umo.objects.presentation.rows import ANY
 from umo.operation.alarms.alarm_log import AlarmLog
 from umo.operation.alarms.alarm_states import Operation
 from umo.operation.alarms.collecting import DeclaredAlarm, FunctionCondition, InFault, alarms_of, joined, own_alarm
@@ -139,12 +140,15 @@ def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: st
     """Carry out an operation of a client for the alarms at a path: the path of an alarm, of an object or compound, or a
     pattern; "" means all alarms. `seconds`: the shelving time, up to `LONGEST_SHELF`. Returns the result of the
     operation as text. Raises CommandRefused if the machine has no alarms, or if the path names a single alarm whose
-    state does not permit the operation. Raises PathError if the path names no alarm."""
+    state does not permit the operation; an acknowledgement without effect is no error. Raises PathError if the path
+    names no alarm."""
     if alarms is None:
         raise CommandRefused("the machine has no alarms")
     done, words = DONE[operation], f"for {duration(seconds)}" if seconds else ""
     rows = named(alarms, path)
     able = alarms.able(rows, operation)
+    if not able and operation is Operation.ACKNOWLEDGE:
+        return "nothing to acknowledge"
     if not able and path in alarms.paths:
         raise CommandRefused(f"{path} is {alarms.state_of(rows[0])}: it cannot be {done}")
     alarms.request(able, AlarmRequest(operation, who, seconds, words))
@@ -157,5 +161,5 @@ def named(alarms: AlarmEngine, path: str) -> Sequence[int]:
     if not found and is_pattern(path):
         found = places_below(path, alarms.paths)
     if not found:
-        raise PathError(f"there is no alarm {path!r}")
+        raise PathError(f"there is no alarm {path!r}{f'; {ANY} stands for one part of a path' if ANY in path else ''}")
     return found

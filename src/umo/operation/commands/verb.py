@@ -64,6 +64,8 @@ TAKES = {
     ArgumentKind.OF_ACTION: "the arguments of the action",
 }
 """The text for the values that an argument of each kind accepts; an argument with choices lists them."""
+EXAMPLES = {ArgumentKind.TIME: ', such as "10 min"'}
+"""The examples in the message for an argument that is missing."""
 OWN_FIELDS = ("seconds", "over")
 """The arguments of the lease, which have separate fields in a command."""
 
@@ -206,7 +208,7 @@ class Verb:
         found |= {name: getattr(command, name) for name in known if name in OWN_FIELDS}
         for name, each in known.items():
             if name not in found and each.required:
-                raise RangeError(f"{self.name} needs {name}: {each.range}")
+                raise RangeError(f"{self.name} needs {name}: {each.range}{EXAMPLES.get(each.kind, '')}")
         return {name: known[name].checked(value) for name, value in found.items()}
 
     def plain(self) -> dict[str, Any]:
