@@ -68,9 +68,9 @@ def test_without_a_file_the_recording_is_in_the_folder_of_the_run(umo: Umo) -> N
     [
         (
             ("--record", "is.mcap"),
-            "--record is.mcap: this file exists already, and a recording never overwrites a file",
+            "umo: is.mcap: this file exists already, and a recording never overwrites a file",
         ),
-        (("--record", "no/x.mcap"), "--record no/x.mcap: there is no folder no"),
+        (("--record", "no/x.mcap"), "umo: no/x.mcap: there is no folder no"),
         (("--last", "fast"), "invalid value for '--last': 'fast' is not a duration"),
         (("--last", "1 ms"), "the command line: record.last: 0.001 is less than 1 s"),
     ],
@@ -79,6 +79,22 @@ def test_a_mistake_is_told_before_anything_runs(umo: Umo, tmp_path: Path, words:
     (tmp_path / "is.mcap").write_text("")
     result = umo(*RUN, *words)
     assert result.exit_code == 2 and told in result.stderr and len(result.stderr.splitlines()) == 1
+
+
+def test_a_file_that_exists_is_named_without_an_option_that_was_not_typed(umo: Umo, tmp_path: Path) -> None:
+    (tmp_path / "is.mcap").write_text("")
+    told = umo("recording", "make", "press", "is.mcap").stderr
+    assert told == "umo: is.mcap: this file exists already, and a recording never overwrites a file\n"
+
+
+def test_the_folder_of_a_run_in_the_place_of_its_recording_is_told_what_to_name(umo: Umo) -> None:
+    assert umo(*RUN[:-1], "--no-plot").exit_code == 124
+    (folder,) = Path("runs").iterdir()
+    told = umo("recording", "info", str(folder)).stderr.replace("\n", " ")
+    assert f"{folder}: this run has no recording (`umo run --record` makes one)" in told
+    (folder / "recording.mcap").write_bytes(b"")
+    told = umo("recording", "info", str(folder)).stderr.replace("\n", " ")
+    assert f"{folder} is the folder of a run; its recording is {folder}/recording.mcap" in told
 
 
 def test_a_flight_recorder_keeps_nothing_of_a_run_that_ends_well(umo: Umo) -> None:
@@ -218,7 +234,10 @@ def test_recording_a_running_station_says_what_it_does_and_how_to_end_it(
     CtrlC(monkeypatch, bench_runs)
     result = umo("recording", "make", "press", "run.mcap")
     assert result.exit_code == 0, result.stderr
-    assert "recording press (rig) (running for 0 s) in run.mcap; Ctrl-C ends the recording" in result.stdout
+    assert (
+        "recording press (rig) (running for 0 s) in run.mcap, with the 19 ms before this command; Ctrl-C"
+        in result.stdout
+    )
     assert "recorded: run.mcap (25 periods" in result.stderr.replace("\n", " ")
 
 

@@ -390,8 +390,18 @@ def _opened(path: Path) -> int:
         raise FramesError(f"{path}: {error.strerror}") from None
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
-        raise FramesError(f"{path} is not a recording: it is not a file")
+        raise FramesError(_not_a_file(path))
     return file
+
+
+def _not_a_file(path: Path) -> str:
+    """Return the message for a path that is not a regular file. For the folder of a run in `runs/`, it names the
+    recording of the run."""
+    if (own := path / "recording.mcap").is_file():
+        return f"{path} is the folder of a run; its recording is {own}"
+    if (path / "run.json").is_file():
+        return f"{path}: this run has no recording (`umo run --record` makes one)"
+    return f"{path} is not a recording: it is not a file"
 
 
 def messages_in(content: bytes) -> Iterator[McapMessage]:

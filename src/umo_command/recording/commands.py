@@ -90,7 +90,8 @@ def make(
     """Record the exact values of every period of a running station.
 
     The file is an MCAP file, which Foxglove, PlotJuggler and Rerun can open too. Recording does not disturb the
-    station. To replay a run, record it from its beginning (umo run --record). Periods that could not be recorded are
+    station. The recording begins with the periods before the command that the station still has in memory. To replay a
+    run, record it from its beginning (umo run --record). Periods that could not be recorded are
     counted and marked.
     """
     from umo_command.recording.making import record_station

@@ -55,9 +55,12 @@ def _opening(reader: RunReader, file: Path, last: float | None) -> str:
     """Return the lines printed at the start: what is recorded, and how to end it."""
     frame = reader.latest()
     name, since = reader.title, 0.0 if frame is None else float(frame["time"])
+    with reader.again() as other:
+        oldest = other.read(1)["time"]
+    before = f", with the {duration(since - float(oldest[0]))} before this command" if len(oldest) else ""
     state = f"{reader.state} for {lasting(since)}"
     if last is None:
-        return f"recording {name} ({state}) in {file}; Ctrl-C ends the recording, and the machine continues"
+        return f"recording {name} ({state}) in {file}{before}; Ctrl-C ends the recording, and the machine continues"
     station = reader.about["station"]
     return (
         f"keeping the last {duration(last)} of {name} ({state}); this time is saved by umo recording save {station}, "

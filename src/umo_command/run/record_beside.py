@@ -67,11 +67,11 @@ def order_of(
     settings = record_of(table or {}, wiring, changes)
     path = default if file is None else file.with_name(file.name if file.suffix == SUFFIX else file.name + SUFFIX)
     if path.exists():
-        raise OptionError(f"--record {path}: this file exists already, and a recording never overwrites a file")
+        raise OptionError(f"{path}: this file exists already, and a recording never overwrites a file")
     if (second := part_name(path, 2)).exists():
-        raise OptionError(f"--record {path}: {second}, the name of the second file, exists already; give another name")
+        raise OptionError(f"{path}: {second}, the name of the second file, exists already; give another name")
     if not path.parent.is_dir():
-        raise OptionError(f"--record {path}: there is no folder {path.parent}")
+        raise OptionError(f"{path}: there is no folder {path.parent}")
     return RecordOrder(path, settings.plain)
 
 
