@@ -54,7 +54,12 @@ class Subcommand(TyperCommand):
             "--record=" if word == "--record" and not after.endswith(".mcap") else word
             for word, after in zip(args, [*args[1:], ""], strict=False)
         ]
-        return list(super().parse_args(ctx, args))
+        try:
+            return list(super().parse_args(ctx, args))
+        except Exception as error:
+            if getattr(error, "ctx", ctx) is None:  # the parser of click leaves it out where a value is missing
+                error.ctx = ctx  # type: ignore[attr-defined]
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         before = _running.set(ctx)

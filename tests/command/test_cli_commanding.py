@@ -177,6 +177,9 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
             ["do", "conveyor", "mode", "automatisch"],
             "there is no mode 'automatisch' (did you mean 'automatic'?); there are: automatic, manual",
         ),
+        (["do", "stop"], "stop is a verb; the station comes first: `umo do conveyor stop`"),
+        (["do", "mode", "manual"], "mode is a verb; the station comes first: `umo do conveyor mode manual`"),
+        (["do", "conveyor", "stop", "--for"], "`umo do --help` shows what it takes"),
         (["do", "convejor", "mode"], "'convejor' is not running (did you mean 'conveyor'?)"),
         (
             ["do", "conveyor", "acknowledge", "sorter.bolt"],

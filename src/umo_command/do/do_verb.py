@@ -9,6 +9,7 @@ from typing import Any
 from umo.errors import OptionError
 from umo.operation.commands.verb import ArgumentKind, Names, Verb
 from umo.operation.commands.verbs import ACKNOWLEDGE, CALL, CLEAR, MODE, STOP, TUNE, VERBS, WRITE, offered, verb_of
+from umo.process.frames.search import meant_by
 from umo.text import did_you_mean, printable
 from umo_command.console import err, out, plain_table
 from umo_command.do.clearing import acknowledge, clear
@@ -23,11 +24,12 @@ from umo_command.do.commanding import (
     stop,
     tune,
 )
-from umo_command.show.stations import attach
+from umo_command.show.stations import attach, readers
 
 
 def do(name: str, verb: str | None, words: Sequence[str], over: bool, held: float | None) -> int:
     """Send a verb to a station and print its result, or list the verbs of a station. Return the exit status."""
+    _check_station(name, verb, words)
     if verb is None:
         with station_of(name) as station:
             out.print(_listed())
@@ -46,6 +48,14 @@ def do(name: str, verb: str | None, words: Sequence[str], over: bool, held: floa
     for path, given in _paths_of(found, words):
         _give(name, found, path, given, over)
     return 0
+
+
+def _check_station(name: str, verb: str | None, words: Sequence[str]) -> None:
+    """Raise OptionError if a verb is in the place of the station, and a station runs."""
+    if verb_of(name) is None or not (found := readers()) or meant_by(name, found):
+        return
+    line = " ".join(["umo do", str(found[0].about["station"]), name, *filter(None, [verb]), *words])
+    raise OptionError(f"{name} is a verb; the station comes first: `{line}`")
 
 
 def _meant(name: str, verb: str) -> str:
