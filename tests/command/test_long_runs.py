@@ -295,6 +295,12 @@ def test_umo_runs_lists_and_prunes(umo: Umo, runs: Path) -> None:
     assert umo("recording", "runs", "prss").stdout == "there is no run of prss in runs/ (did you mean 'press'?)\n"
 
 
+def test_a_run_that_its_time_limit_has_ended_names_the_option(umo: Umo, tank: Path) -> None:
+    assert umo("run", "tank", "--no-plot", "--until", "1").exit_code == 124
+    assert "status 124" in (listed := umo("recording", "runs").stdout) and "--until" in listed
+    assert "ended with status 124: --until" in umo("show", "why", "tank").stdout
+
+
 def test_a_run_removes_the_oldest_of_its_station_when_asked(umo: Umo, tank: Path) -> None:
     for _ in range(3):
         assert umo("run", "tank", "--no-plot", "--until", "1", "--keep-runs", "2").exit_code == 124

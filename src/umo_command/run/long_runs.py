@@ -129,7 +129,7 @@ class RecordedRun:
     status: int | None
     """Exit status; None unless the run has ended."""
     how: str
-    """The failure of the run, or who has stopped it; "" if neither applies, or this is not known."""
+    """The failure of the run, who has stopped it, or "--until"; "" if none applies, or this is not known."""
     written: float
     """Wall-clock time in s at which the folder was last changed."""
 
@@ -178,7 +178,9 @@ def _how(summary: dict[str, Any]) -> str:
     failure, by = (summary.get(key) for key in ("failure", "stopped_by"))
     if isinstance(failure, str) and failure:
         return failure
-    return f"stopped by {by}" if isinstance(by, str) and by else ""
+    if isinstance(by, str) and by:
+        return f"stopped by {by}"
+    return "--until" if summary.get("status") == ExitStatus.TIME_OVER else ""
 
 
 def prune(keep: int, station: str | None = None) -> dict[Path, int]:
