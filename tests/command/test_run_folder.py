@@ -20,7 +20,7 @@ from umo.cycle.stopping import StopFlag
 from umo.cycle.trace import Trace, lines
 from umo.testing import periods, station
 from umo_command.run import plot
-from umo_command.run.run_folder import TraceFile
+from umo_command.run.run_folder import TraceFile, rows
 
 Umo = Callable[..., Result]
 
@@ -57,6 +57,14 @@ def quick(tank: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 # A folder that cannot be written -----------------------------------------------------------------------
+
+
+def test_a_result_with_tables_has_a_short_line_for_each() -> None:
+    used = {f"soap {number}": {"batches": number, "values": {"amounts": [1.0], "hold": 60.0}} for number in range(7)}
+    ((name, text),) = rows("result", {"recipes": used})
+    assert name == "recipes"
+    assert text.splitlines() == [*(f"soap {number}: batches {number}" for number in range(5)), "and 2 others"]
+    assert list(rows("result", {"empty": {}})) == [("empty", "{}")]
 
 
 def test_runs_that_cannot_be_written_are_seen_before_anything_runs(umo: Umo, quick: Path) -> None:

@@ -208,9 +208,21 @@ def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
 def _text(value: Any) -> str:
     if value is None:
         return NO_VALUE
+    if isinstance(value, dict) and value and all(isinstance(each, dict) for each in value.values()):
+        return _lines_of(value)
     is_number = isinstance(value, float) and isfinite(value)
     text = number_text(value) if is_number else with_short_numbers(printable(str(value)))
     return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}..."
+
+
+def _lines_of(tables: dict[str, dict[str, Any]]) -> str:
+    """Return a line for each of the first few tables, with its numbers and strings. All values are in the summary."""
+    lines = [
+        f"{key}: {', '.join(f'{name} {each}' for name, each in table.items() if not isinstance(each, dict | list))}"
+        for key, table in tables.items()
+    ]
+    more = [f"and {others(len(lines) - MAX_SHOWN)}"] if len(lines) > MAX_SHOWN else []
+    return "\n".join(_text(line) for line in lines[:MAX_SHOWN] + more)
 
 
 def _rounded(value: float | None, digits: int) -> float | None:
