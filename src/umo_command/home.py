@@ -10,6 +10,7 @@ from rich.table import Table
 
 from umo.process.frames import RunReader, search
 from umo.process.frames.alarm_list import AlarmRow
+from umo.process.station import shipped
 from umo.system.device_record import Ended
 from umo.system.packages import MARK
 from umo.text import count_of, printable
@@ -59,7 +60,7 @@ def next_steps(
     steps = list(dict.fromkeys(steps))
     if found:
         steps = [*steps[: STEPS - 1], *_running(str(found[0].about["station"]))]
-    return [*steps, *_idle(folder)][:STEPS]
+    return [*steps, *_idle(folder, failed)][:STEPS]
 
 
 def _waiting(name: str, reader: RunReader, frame: Any) -> list[Step]:
@@ -81,12 +82,16 @@ def _running(name: str) -> list[Step]:
     ]
 
 
-def _idle(folder: Path) -> list[Step]:
+def _idle(folder: Path, failed: Sequence[str]) -> list[Step]:
+    """Return the steps where nothing runs: for the station that failed last, for a station of this folder, or for one
+    that ships with umo."""
     here = [each.name for each in (folder, *sorted(folder.glob("*/"))) if (each / MARK).is_file()]
     if (folder / MARK).is_file():
         here = ["."]
-    name = here[0] if here else "ztheta"
+    again = next((name for name in failed if name in {*here, *shipped()}), "")
+    name = again or (here[0] if here else "ztheta")
     what = "the station in this folder" if here else "a machine that ships with umo"
+    what = "the station whose last run failed" if again else what
     return [
         (f"umo run {name} --realtime", f"run {what} in real time, to watch and operate it"),
         (f"umo check {name}", "find its errors without hardware"),

@@ -36,6 +36,13 @@ def test_where_nothing_runs_it_shows_three_steps_to_a_first_run(umo: Umo, tmp_pa
     assert all(command in result.stdout for command in commands(tmp_path, []))
 
 
+@pytest.mark.parametrize(("failed", "named"), [("furnace", "furnace"), ("tank", "tank"), ("gone", "ztheta")])
+def test_the_station_that_failed_is_the_one_to_run_again(tank: Path, tmp_path: Path, failed: str, named: str) -> None:
+    folder = tmp_path if failed == "tank" else tmp_path / "elsewhere"
+    found = [command for command, _ in next_steps(folder, [], [], [failed])]
+    assert found == [f"umo show why {failed}", f"umo run {named} --realtime", f"umo check {named}"]
+
+
 def test_in_a_station_it_shows_how_to_check_and_run_it(umo: Umo, tank: Path, tmp_path: Path) -> None:
     assert commands(tank, [])[:2] == ["umo run . --realtime", "umo check ."]
     assert commands(tmp_path, [])[:2] == ["umo run tank --realtime", "umo check tank"]

@@ -195,7 +195,7 @@ def test_a_relay_gives_the_critical_point() -> None:
     assert found.ultimate_gain == pytest.approx(critical, rel=0.25)
     assert found.ultimate_period == pytest.approx(12.0, rel=0.1)
     assert not found.uneven
-    with pytest.raises(RangeError, match="1 complete cycles, and 2 are needed"):
+    with pytest.raises(RangeError, match="made 1 complete cycle, and 2 are needed"):
         relay_cycles(MeasuredResponse.of(np.arange(300) * DT, rows[:300, 0], rows[:300, 1]))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from umo.commissioning.tuning.measured_response import MeasuredResponse
 from umo.errors import RangeError
 from umo.objects.scaling import FloatArray
+from umo.text import count_of
 
 FEWEST_CYCLES = 2
 """Least number of whole cycles."""
@@ -44,9 +45,8 @@ def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles
     cycles = len(rises) - 1
     if cycles < FEWEST_CYCLES:
         raise RangeError(
-            f"the relay made {max(cycles, 0)} complete cycles, and {FEWEST_CYCLES} are needed: the process did not "
-            f"oscillate; "
-            "a larger amplitude, less hysteresis or more time may help"
+            f"the relay made {count_of(max(cycles, 0), 'complete cycle')}, and {FEWEST_CYCLES} are needed: the process "
+            "did not oscillate; a larger amplitude, less hysteresis or more time may help"
         )
     span = slice(rises[0], rises[-1])
     count = rises[-1] - rises[0]
