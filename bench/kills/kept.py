@@ -10,7 +10,7 @@ from random import Random
 from typing import Any
 
 from bench.kills.station.journal import COLUMNS, FIRST, MOMENT, NUMBER, ROWS, SIZE, TAKEN_OVER
-from umo.operation.alarms.alarm_states import AlarmState
+from umo.operation.alarms.alarm_states import SHELVED_STATES
 from umo.process import kept_file
 from umo.process.kept_file import KeptValues
 from umo.states import OnOff
@@ -139,7 +139,7 @@ def wrong_start(values: KeptValues | str | None, journal: Journal) -> str:
     if values is None or isinstance(values, str):
         return ""
     expected = _of_file(values)
-    alarms = {path: 0.0 if state == AlarmState.SHELVED else state for path, state in expected["alarms"].items()}
+    alarms = {path: 0.0 if state in SHELVED_STATES else state for path, state in expected["alarms"].items()}
     found = journal.taken_over
     wrong = _difference({"numbers": expected["numbers"], "alarms": alarms, "states": {}}, {**found, "states": {}})
     return f"the next run has not taken over: {wrong}" if wrong else ""

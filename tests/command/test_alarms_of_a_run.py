@@ -149,17 +149,25 @@ def test_acknowledging_an_active_alarm_does_not_raise_it_again() -> None:
     assert (log.number, log.active, log.alarms[0].cleared_s) == (2, ["b"], 5.0)
 
 
-def test_an_alarm_that_cannot_be_evaluated_is_active_and_a_shelved_one_is_not() -> None:
+def test_an_alarm_that_cannot_be_evaluated_is_active_and_one_out_of_service_is_not() -> None:
     log = log_of(
         Row(0.0, AlarmState.BAD_UNACKNOWLEDGED, AlarmState.UNACKNOWLEDGED),
-        Row(1.0, AlarmState.BAD_UNACKNOWLEDGED, AlarmState.SHELVED),
+        Row(1.0, AlarmState.BAD_UNACKNOWLEDGED, AlarmState.OUT_OF_SERVICE),
     )
     assert (log.number, log.active, log.alarms[1].cleared_s) == (2, ["a"], 1.0)
 
 
-def test_an_alarm_that_was_shelved_while_it_was_active_is_not_counted_again_afterwards() -> None:
-    normal, active, shelved = AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, AlarmState.SHELVED
-    states = [(active, normal), (shelved, shelved), (active, active), (normal, normal), (active, normal)]
+def test_what_happens_to_a_shelved_alarm_is_counted() -> None:
+    normal, shelved, active = AlarmState.NORMAL, AlarmState.SHELVED, AlarmState.SHELVED_ACTIVE
+    states = [(normal, AlarmState.UNACKNOWLEDGED), (shelved, active), (active, shelved), (shelved, active)]
+    log = log_of(*(Row(float(time), *each) for time, each in enumerate(states)))
+    assert [(each.raised, each.cleared_s) for each in log.alarms] == [(1, 1.0), (2, 2.0)]
+    assert (log.number, log.active, str(log.alarms[1].state)) == (3, ["b"], "shelved active")
+
+
+def test_an_alarm_that_was_active_when_it_was_removed_from_service_is_not_counted_again_afterwards() -> None:
+    normal, active, away = AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, AlarmState.OUT_OF_SERVICE
+    states = [(active, normal), (away, away), (active, active), (normal, normal), (active, normal)]
     log = log_of(*(Row(float(time), *each) for time, each in enumerate(states)))
     assert [each.raised for each in log.alarms] == [2, 1]
     assert (log.number, log.alarms[0].cleared_s, len(log.spans)) == (3, 2.0, 4)

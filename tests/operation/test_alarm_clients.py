@@ -194,12 +194,12 @@ def test_arguments_that_a_verb_does_not_have_are_refused(rig: Rig, do: str) -> N
 def test_a_shelved_alarm_is_not_told_until_it_is_unshelved(rig: Rig) -> None:
     rig.ann.do("lease")
     rig.ann.do("shelve", "tanks.0", 60.0)
+    assert {(row.note, row.who) for row in rig.rows} == {("for 60 s", "ann")}
     rig.flood(0)
-    assert set(rig.states().values()) == {"shelved"}
+    assert set(rig.states().values()) == {"shelved active"}
     assert alarms_text(rig.rows) == []
-    assert rig.rows[0].note == "for 60 s"
     rig.ann.do("unshelve", "tanks.0.full")
-    assert rig.states() == {"tanks.0.full": "unacknowledged", "tanks.0.flooded": "shelved"}
+    assert rig.states() == {"tanks.0.full": "unacknowledged", "tanks.0.flooded": "shelved active"}
 
 
 def test_what_is_to_be_acknowledged_stands_first_then_by_priority(rig: Rig) -> None:

@@ -31,7 +31,8 @@ class Model:
             if not self.unacknowledged and self.condition == "false":
                 self.held = False
         elif operation is Operation.SHELVE:
-            self.put("shelved" if self.away != "out of service" else self.away)
+            if self.away != "out of service":
+                self.put("shelved", self.condition)
         elif operation is Operation.REMOVE:
             self.put("out of service")
         elif self.away == {Operation.UNSHELVE: "shelved", Operation.RETURN: "out of service"}[operation]:
@@ -39,19 +40,20 @@ class Model:
 
     def evaluated(self, condition: str) -> None:
         if self.away:
+            self.condition = condition if self.away == "shelved" else "false"
             return
         if condition != "false" and condition != self.condition:
             self.unacknowledged = self.asks
             self.held = self.latch
         self.condition = condition
 
-    def put(self, away: str) -> None:
-        self.away, self.unacknowledged, self.held, self.condition = away, False, False, "false"
+    def put(self, away: str, condition: str = "false") -> None:
+        self.away, self.unacknowledged, self.held, self.condition = away, False, False, condition
 
     @property
     def state(self) -> str:
         if self.away:
-            return self.away
+            return self.away if self.condition == "false" else "shelved active"
         if self.condition == "bad":
             return "bad unacknowledged" if self.unacknowledged else "bad acknowledged"
         if self.condition == "true":

@@ -162,12 +162,35 @@ def test_a_shelf_ends_by_its_time_and_the_alarm_comes_back(rig: Rig) -> None:
     rig.periods(level=90)
     rig.ask("full", Operation.SHELVE, seconds=0.003)
     rig.periods()
-    assert rig.state("full") is S.SHELVED
+    assert rig.state("full") is S.SHELVED_ACTIVE
     rig.periods(2)
-    assert rig.state("full") is S.SHELVED
+    assert rig.state("full") is S.SHELVED_ACTIVE
     rig.periods()
     assert rig.state("full") is S.UNACKNOWLEDGED
     assert rig.told[-2] == ("full", "normal (high): too full; the shelving time has ended", "")
+
+
+def test_a_shelved_alarm_tells_when_it_becomes_active_and_returns(rig: Rig) -> None:
+    rig.ask("full", Operation.SHELVE, seconds=1.0)
+    rig.periods()
+    states = []
+    for level in (90, 50, 90):
+        rig.periods(level=level)
+        states.append(rig.state("full"))
+    assert states == [S.SHELVED_ACTIVE, S.SHELVED, S.SHELVED_ACTIVE]
+    assert rig.told[-3:] == [
+        ("full", f"{state} (high): too full", "") for state in ("shelved active", "shelved", "shelved active")
+    ]
+    rig.ask("full", Operation.UNSHELVE)
+    rig.periods()
+    assert rig.state("full") is S.UNACKNOWLEDGED
+
+
+def test_a_shelved_alarm_that_cannot_be_evaluated_is_active(with_alarms: Any) -> None:
+    rig = with_alarms({"odd": Alarm(lambda tank: 1 / 0 > 0, "odd")})
+    rig.ask("odd", Operation.SHELVE, seconds=1.0)
+    rig.periods(2)
+    assert rig.state("odd") is S.SHELVED_ACTIVE
 
 
 def test_a_state_of_an_actuator_and_of_a_sensor(with_alarms: Any) -> None:
@@ -330,7 +353,7 @@ def test_a_condition_that_could_not_be_evaluated_is_gone_on_with_though_its_turn
     assert rig.state("odd0") is rig.state(f"odd{2 * FREE_PER_PERIOD - 1}") is S.NORMAL
 
 
-@pytest.mark.parametrize("number", [-1, 77, S.SHELVED, S.LATCHED_ACKNOWLEDGED])
+@pytest.mark.parametrize("number", [-1, 77, S.SHELVED, S.SHELVED_ACTIVE, S.LATCHED_ACKNOWLEDGED])
 def test_a_state_that_an_alarm_cannot_have_is_not_gone_on_with(rig: Rig, number: int) -> None:
     rig.engine.restore({"full": number})
     rig.periods()

@@ -349,7 +349,7 @@ def judge(item: MachineItem, component: str, about: dict[str, Any], quality: Qua
     if quality is Quality.BAD or not isfinite(value) or (item.states and name is None):
         assert state == "None"
     elif about.get("device_class") == "problem":
-        assert state == ("OFF" if name in ("normal", "shelved", "out of service") else "ON")
+        assert state == ("OFF" if name in ("normal", "shelved", "shelved active", "out of service") else "ON")
     elif item.states:
         assert state == name
         assert state in (about.get("options") or (about["payload_off"], about["payload_on"]))

@@ -600,8 +600,8 @@ def test_an_alarm_is_acknowledged_and_shelved_on_the_page(page: Any, tmp_path: P
         row.get_by_role("button", name="Acknowledge").click()
         page.locator("[data-alarm='reactors.1.fault'][data-state='acknowledged']").wait_for()
         page.get_by_role("button", name="Shelve 10 min reactors.1.fault").click()
-        page.locator("[data-alarm='reactors.1.fault'][data-state='shelved']").wait_for()
-        assert [(str(alarm.state), alarm.annunciated) for alarm in station.alarms] == [("shelved", False)]
+        page.locator("[data-alarm='reactors.1.fault'][data-state='shelved active']").wait_for()
+        assert [(str(alarm.state), alarm.annunciated) for alarm in station.alarms] == [("shelved active", False)]
         page.get_by_role("button", name="Unshelve reactors.1.fault").click()
         page.locator("[data-alarm='reactors.1.fault'][data-state='unacknowledged']").wait_for()
 

@@ -11,13 +11,12 @@ import numpy as np
 
 from umo.duration import duration
 from umo.objects.presentation.run_facts import clock_text
-from umo.operation.alarms.alarm_states import PUT_AWAY, AlarmState
+from umo.operation.alarms.alarm_states import ACTIVE, AlarmState
 from umo.operation.alarms.declaration import Priority
-from umo.operation.alarms.engine import RESULTS
 
 KEPT_SPANS = 10_000
 """The number of the most recent active spans of an alarm that are kept. All spans are counted."""
-_IS_ACTIVE = np.isin(np.arange(256), [int(state) for state in RESULTS])
+_IS_ACTIVE = np.isin(np.arange(256), [int(state) for state in ACTIVE])
 
 
 class ShownStates(Protocol):
@@ -29,7 +28,7 @@ class ShownStates(Protocol):
 
 @dataclass
 class ActiveSpan:
-    """A period in which an alarm was active. It ends when the alarm is shelved or removed from service."""
+    """A period in which an alarm was active, shelved or not. It ends when the alarm is removed from service."""
 
     path: str
     raised: float
@@ -56,9 +55,9 @@ class AlarmOfRun:
     """The total time in s for which the alarm was active, without a span that has not ended."""
     first: float = 0.0
     last: ActiveSpan | None = None
-    was_put_away: bool = False
-    """True while the alarm is shelved or out of service, and was active before. If it is active afterwards, this counts
-    as the same occurrence."""
+    was_removed: bool = False
+    """True while the alarm is out of service, and was active before. If it is active afterwards, this counts as the
+    same occurrence."""
     state: AlarmState = AlarmState.NORMAL
 
     def active_s(self, now: float) -> float:
@@ -112,7 +111,8 @@ class AlarmLog:
             for row in np.flatnonzero(after != before).tolist():
                 alarm, was_active = self.alarms[row], _IS_ACTIVE[before[row]]
                 alarm.state = AlarmState(int(after[row]))
-                alarm.was_put_away = alarm.state in PUT_AWAY and bool(was_active or alarm.was_put_away)
+                is_removed = alarm.state is AlarmState.OUT_OF_SERVICE
+                alarm.was_removed = is_removed and bool(was_active or alarm.was_removed)
 
     @property
     def raised(self) -> list[AlarmOfRun]:
@@ -128,7 +128,7 @@ class AlarmLog:
     def _raise(self, alarm: AlarmOfRun) -> None:
         alarm.last = ActiveSpan(alarm.path, self.now)
         alarm.first = alarm.first if alarm.raised else self.now
-        if not alarm.was_put_away:
+        if not alarm.was_removed:
             alarm.raised += 1
             self.number += 1
         self.spans.append(alarm.last)

@@ -1,8 +1,8 @@
 """The state of an alarm (ISA-18.2, figure 3), as a table.
 
 In addition to the states of the standard there are two states for a condition that cannot be evaluated. Such a
-condition counts as true, like the condition of an interlock. "Suppressed by design" is not a state here, because a
-condition can contain the suppression.
+condition counts as true, like the condition of an interlock. A shelved alarm has two states, so that the history of its
+condition is recorded. "Suppressed by design" is not a state here, because a condition can contain the suppression.
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ class AlarmState(NamedNumber):
     LATCHED_ACKNOWLEDGED = 5
     """The alarm is no longer active, and it is acknowledged; it stays until it is reset."""
     SHELVED = 6
-    """An operator has shelved the alarm for a time."""
+    """An operator has shelved the alarm for a time, and it is not active."""
     OUT_OF_SERVICE = 7
     """The alarm is removed from service for maintenance, until it is returned to service."""
     BAD_UNACKNOWLEDGED = 8
     """The condition of the alarm cannot be evaluated, and nobody has acknowledged this."""
     BAD_ACKNOWLEDGED = 9
     """The condition of the alarm cannot be evaluated, and this is acknowledged."""
+    SHELVED_ACTIVE = 10
+    """The alarm is shelved, and it is active or cannot be evaluated."""
 
 
 class Operation(IntEnum):
@@ -58,7 +60,12 @@ class Operation(IntEnum):
 _S, _O = AlarmState, Operation
 TO_BE_ACKNOWLEDGED = frozenset((_S.UNACKNOWLEDGED, _S.RETURNED, _S.LATCHED_UNACKNOWLEDGED, _S.BAD_UNACKNOWLEDGED))
 """The states that an acknowledgement changes."""
-PUT_AWAY = frozenset((_S.SHELVED, _S.OUT_OF_SERVICE))
+BAD_STATES = frozenset((_S.BAD_UNACKNOWLEDGED, _S.BAD_ACKNOWLEDGED))
+"""The states of an alarm whose condition cannot be evaluated."""
+ACTIVE = BAD_STATES | {_S.UNACKNOWLEDGED, _S.ACKNOWLEDGED, _S.SHELVED_ACTIVE}
+"""The states of an active alarm, shown or shelved."""
+SHELVED_STATES = frozenset((_S.SHELVED, _S.SHELVED_ACTIVE))
+PUT_AWAY = SHELVED_STATES | {_S.OUT_OF_SERVICE}
 PUTTING_AWAY = frozenset((_O.SHELVE, _O.UNSHELVE, _O.REMOVE, _O.RETURN))
 """The operations that shelve alarms, remove them from service, or end either."""
 ANNUNCIATED = frozenset(AlarmState) - PUT_AWAY - {_S.NORMAL}
@@ -80,11 +87,16 @@ _PLAIN: Mapping[tuple[AlarmState, Operation], AlarmState] = {
     (_S.BAD_UNACKNOWLEDGED, _O.ACKNOWLEDGE): _S.BAD_ACKNOWLEDGED,
     (_S.BAD_ACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
     (_S.BAD_ACKNOWLEDGED, _O.INACTIVE): _S.NORMAL,
+    (_S.SHELVED, _O.ACTIVE): _S.SHELVED_ACTIVE,
+    (_S.SHELVED, _O.CANNOT_EVALUATE): _S.SHELVED_ACTIVE,
+    (_S.SHELVED_ACTIVE, _O.INACTIVE): _S.SHELVED,
     (_S.SHELVED, _O.UNSHELVE): _S.NORMAL,
+    (_S.SHELVED_ACTIVE, _O.UNSHELVE): _S.NORMAL,
     (_S.OUT_OF_SERVICE, _O.RETURN): _S.NORMAL,
     **{(state, _O.CANNOT_EVALUATE): _S.BAD_UNACKNOWLEDGED for state in _S if state not in PUT_AWAY},
     (_S.BAD_ACKNOWLEDGED, _O.CANNOT_EVALUATE): _S.BAD_ACKNOWLEDGED,
     **{(state, _O.SHELVE): _S.SHELVED for state in _S if state is not _S.OUT_OF_SERVICE},
+    **{(state, _O.SHELVE): _S.SHELVED_ACTIVE for state in ACTIVE},
     **{(state, _O.REMOVE): _S.OUT_OF_SERVICE for state in _S},
 }
 _LATCHED = {_S.RETURNED: _S.LATCHED_UNACKNOWLEDGED, _S.NORMAL: _S.LATCHED_ACKNOWLEDGED}

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from umo.duration import TIME_TOLERANCE
 from umo.objects.scaling import ByteArray
-from umo.operation.alarms.alarm_states import PUT_AWAY, PUTTING_AWAY, AlarmState, Operation, transitions
+from umo.operation.alarms.alarm_states import (
+    BAD_STATES,
+    PUT_AWAY,
+    PUTTING_AWAY,
+    SHELVED_STATES,
+    AlarmState,
+    Operation,
+    transitions,
+)
 from umo.operation.alarms.change_events import LEFT_OUT, NOT_DUE, ChangeEvents
 from umo.operation.alarms.collecting import DeclaredAlarm
 from umo.operation.alarms.conditions import BAD, FALSE, TRUE, AlarmImage, Conditions
@@ -30,11 +38,10 @@ RESULTS = {
     AlarmState.BAD_UNACKNOWLEDGED: BAD,
     AlarmState.BAD_ACKNOWLEDGED: BAD,
 }
-"""The results of conditions that belong to active states."""
+"""The results of conditions that belong to active states, except shelved ones."""
 OCCURRENCES = ("raised", "first", "last")
 """The number of times that an alarm has become active, and the first and the last time in s on the cycle's clock, NaN
 if it never was."""
-UNEVALUATED = frozenset((AlarmState.BAD_UNACKNOWLEDGED, AlarmState.BAD_ACKNOWLEDGED))
 Rows = NDArray[np.intp]
 """The numbers of some alarms."""
 TellChange = Callable[[str, str, str], object]
@@ -111,7 +118,7 @@ class AlarmEngine:
         is not known. An active alarm stays active until its condition has ended."""
         for row, path in enumerate(self.paths):
             number = states.get(path, AlarmState.NORMAL)
-            reachable = {*self._table(row).values()} - {AlarmState.SHELVED}
+            reachable = {*self._table(row).values()} - SHELVED_STATES
             if number not in reachable:
                 continue
             self.states[row] = number
@@ -240,7 +247,7 @@ class AlarmEngine:
     def _tell(self, row: int, who: str, left_out: int) -> None:
         """Make an event of the state of an alarm, with the number of its earlier changes that had none."""
         state, words = self.state_of(row), self._words.get(row, "")
-        if state in UNEVALUATED and not words:
+        if state in BAD_STATES and not words:
             words = f"cannot be evaluated: {self._conditions.causes.get(row, '')}"
         more = f"{left_out} {LEFT_OUT}" if left_out > 0 else ""
         text = told_text(state, self.declared[row], "; ".join(filter(None, (words, more))))

@@ -97,7 +97,7 @@ def _row(entry: Mapping[str, Any], state: AlarmState, event: Event | None) -> Al
     text = str(entry.get("text", ""))
     priority = _PRIORITIES.get(str(entry.get("priority")), Priority.MEDIUM)
     head = f"{state} ({priority}): {text}"
-    if event is None or not event.text.startswith(f"{state} "):
+    if event is None or not event.text.startswith(f"{state} ("):
         return AlarmRow(entry["path"], state, priority, text, None, "", "")
     note = event.text.removeprefix(head).removeprefix("; ") if event.text.startswith(head) else ""
     return AlarmRow(entry["path"], state, priority, text, event.time, event.who, note)

@@ -25,6 +25,7 @@ test("alarms, faults, interlocks and ends have kinds of their own", () => {
     ["alarm", alarm("unacknowledged (high): too full")], ["alarm", alarm("bad unacknowledged (high): too full; cannot be evaluated: x")],
     ["over", alarm("returned (high): too full")], ["over", alarm("normal (high): too full")], ["over", alarm("latched unacknowledged (high): too full")],
     ["command", alarm("acknowledged (high): too full", { who: "ann" })], ["command", alarm("shelved (high): too full", { who: "ann" })],
+    ["alarm", alarm("shelved active (high): too full")], ["over", alarm("shelved (high): too full")], ["command", alarm("shelved active (high): too full", { who: "ann" })],
     ["fault", event({ path: "z", text: "in fault: DriverError", asked: "fault" })], ["over", event({ path: "z", text: "fault cleared" })],
     ["fault", event({ path: "driver plc", text: "is away: no answer" })], ["over", event({ path: "driver plc", text: "is back after 2 s" })],
     ["guard", event({ path: "z.motor", text: "inhibited until acknowledged: the door is open" })], ["guard", event({ path: "z.motor", text: "command expired: not written for 1 s, default sent" })],

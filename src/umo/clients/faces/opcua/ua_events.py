@@ -20,22 +20,14 @@ from umo.clients.faces.opcua.ua_machine import MachineNodes
 from umo.clients.faces.opcua.ua_tree import O
 from umo.clients.faces.opcua.ua_values import moment
 from umo.cycle.events import ALARM, FAULT, CommandState, Event
-from umo.operation.alarms.alarm_states import TO_BE_ACKNOWLEDGED, AlarmState
+from umo.operation.alarms.alarm_states import ACTIVE, BAD_STATES, PUT_AWAY, TO_BE_ACKNOWLEDGED, AlarmState
 from umo.process.frames.machine_items import MachineItem
 
 SEVERITY: Mapping[str, int] = {"low": 200, "medium": 400, "high": 600, "critical": 900}
 """Severities of alarms by their priorities."""
 EVENT_SEVERITY: Mapping[CommandState, int] = {CommandState.REFUSED: 300, CommandState.FAILED: 500}
 NORMAL_EVENT, FAULT_EVENT = 100, 700
-ACTIVE = (
-    AlarmState.UNACKNOWLEDGED,
-    AlarmState.ACKNOWLEDGED,
-    AlarmState.BAD_UNACKNOWLEDGED,
-    AlarmState.BAD_ACKNOWLEDGED,
-)
 LATCHED = (AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED)
-BAD_STATES = (AlarmState.BAD_UNACKNOWLEDGED, AlarmState.BAD_ACKNOWLEDGED)
-PUT_AWAY = (AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
 ACKNOWLEDGE = ua.NodeId(O.AcknowledgeableConditionType_Acknowledge)
 """The method of the standard, which clients call with the object of the condition."""
 

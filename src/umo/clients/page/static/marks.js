@@ -5,7 +5,7 @@ import { clockText, withShortNumbers } from "./presentation.js";
 const MARK_DISTANCE = 26;  // CSS pixels within which marks are one: there is room for its count
 const REACH = 10;  // CSS pixels beside a mark at which it is told
 const MAX_TOLD = 6;  // events that a mark tells
-const COMES = /^(bad )?unacknowledged /;  // an alarm's state that begins its text (umo/operation/alarms)
+const COMES = /^((bad )?unacknowledged|shelved active) /;  // an alarm's state that begins its text (umo/operation/alarms)
 const ENDS = /^(fault cleared|is back|was initialised again)/;  // umo/cycle
 const OF_LEASE = ["lease", "give back"];  // what a client asks for its lease (umo/operation/commands/verbs.py)
 const GUARDED = /^(inhibited|command expired)| actuators inhibited| commands expired/;  // of one actuator, of several
@@ -46,8 +46,8 @@ export function kindOf({ command, asked, who, path, text, state }) {
   if (asked.startsWith("mode")) return "mode";
   if (asked === "end" && !command) return state === "failed" ? "fault" : "mode";
   if (asked === "fault") return "fault";
-  if (asked === "alarm" && COMES.test(text)) return "alarm";
   if (command || who) return "command";
+  if (asked === "alarm" && COMES.test(text)) return "alarm";
   if (asked === "alarm" || ENDS.test(text)) return "over";
   if (path.startsWith("driver ")) return "fault";
   return GUARDED.test(text) ? "guard" : "told";
