@@ -22,7 +22,7 @@ from umo.control import next_period, until, wait
 from umo.cycle.events import CommandState
 from umo.cycle.showing import frame_of
 from umo.errors import CommandRefused, DeclarationError, EquipmentFault, TaskFailed
-from umo.objects import action
+from umo.objects import action, actions_of
 from umo.operation import PackML, PackMLState, Procedure, ProcedureState, UnitMode
 from umo.operation.commands.client_commands import Mode
 from umo.operation.model import sequence_name
@@ -498,6 +498,14 @@ def test_a_client_operates_the_unit_in_automatic_mode_and_what_it_starts_outlive
         ann.run(20)
         assert unit.state is S.EXECUTE
         assert "state: execute" in ann.notes
+
+
+@pytest.mark.parametrize("kind", [PackML, Procedure])
+@pytest.mark.parametrize("name", ["clear", "reset"])
+def test_the_help_of_an_action_after_which_an_application_may_continue_warns(kind: Any, name: str) -> None:
+    with running(kind) as (m, _):
+        help = actions_of(m)[f"filler.unit.{name}"].help
+        assert help.endswith("An application that waits for this continues immediately: the machine may move.")
 
 
 def test_in_manual_mode_the_states_wait_but_abort_is_possible() -> None:

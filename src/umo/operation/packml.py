@@ -132,7 +132,8 @@ class PackML(UnitStates):
 
     @action(harmless=True)
     def reset(self) -> str:
-        """Go from Stopped or Complete to Idle."""
+        """Go from Stopped or Complete to Idle. An application that waits for this continues immediately: the machine
+        may move."""
         return self.command("reset")
 
     @action(harmless=True)

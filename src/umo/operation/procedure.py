@@ -120,5 +120,6 @@ class Procedure(UnitStates):
 
     @action(harmless=True)
     def reset(self) -> str:
-        """Go from Complete or Stopped to Idle."""
+        """Go from Complete or Stopped to Idle. An application that waits for this continues immediately: the machine
+        may move."""
         return self.command("reset")

@@ -179,7 +179,8 @@ class UnitStates(DeclaredAttributes):
 
     @action(harmless=True)
     def clear(self) -> str:
-        """Go from Aborted to Stopped: end the fault."""
+        """Go from Aborted to Stopped: end the fault. An application that waits for this continues immediately: the
+        machine may move."""
         return self.command(CLEAR)
 
     @action(harmless=True)
