@@ -367,3 +367,17 @@ def test_a_station_is_stopped_and_a_command_that_holds_something_ends(
         assert result.exit_code == 0, said(result)
         assert re.fullmatch(r"conveyor has ended: stopped by \w+, umo do conveyor stop \(pid \d+\)\n", result.stdout)
         assert started.wait(20).failure is None
+
+
+def test_a_clear_says_how_to_go_on_with_a_unit_that_stays_stopped(tmp_path: Path) -> None:
+    with umo.start("conveyor", patient.conveyor(tmp_path), realtime=True) as started:
+        until(lambda: started.poll(0.01) or (started.frames is not None and started.frames.head > 5))
+        assert run("do", "conveyor", "call", "sorter.unit.abort").exit_code == 0
+        with umo.attach("conveyor") as station:
+            until(lambda: "sorter" in station.faults)
+        assert run("do", "conveyor", "clear").stdout.splitlines() == [
+            "cleared: sorter",
+            "sorter.unit is stopped: go on with `umo do conveyor call sorter.unit.reset`, then `umo do conveyor call "
+            "sorter.unit.start`",
+        ]
+        assert run("do", "conveyor", "clear").stdout == "nothing was in fault\n"

@@ -3,7 +3,8 @@ of it, that only an operator may end."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from umo.clients.remote import RemoteStation
@@ -16,6 +17,10 @@ from umo.wiring.patterns import chosen
 from umo_command.console import out
 from umo_command.do.commanding import leased, station_of
 from umo_command.show.stations import attach, readers, standing
+
+REACTION_PERIODS, REACTION_TIME = 3, 5.0
+"""The number of periods after a clear in which an application may restart its units, and the longest wait for them in
+s."""
 
 
 def acknowledge(name: str, paths: Sequence[str], over: bool) -> None:
@@ -50,8 +55,9 @@ def _acknowledge_ends(name: str) -> None:
 
 
 def clear(name: str, paths: Sequence[str], over: bool) -> None:
-    """Clear faults of equipment."""
+    """Clear faults of equipment. For each unit that then stays Stopped, say how to go on."""
     with station_of(name) as station:
+        aborted = _units_in(station.reader, "aborted")
         parts = _equipment(station.reader, paths) if paths else [""]
         with leased(station, over):
             for part in parts:
@@ -59,6 +65,30 @@ def clear(name: str, paths: Sequence[str], over: bool) -> None:
                 out.print(answer if answer.startswith("cleared") or not part else f"{part}: {answer}", soft_wrap=True)
         if not parts:
             out.print(f"{', '.join(paths)}: not part of any equipment", soft_wrap=True)
+        for unit in _left_stopped(station.reader, aborted):
+            steps = (f"`umo do {name} call {unit}.{command}`" for command in ("reset", "start"))
+            out.print(f"{unit} is stopped: go on with {', then '.join(steps)}", soft_wrap=True)
+
+
+def _units_in(reader: RunReader, state: str) -> set[str]:
+    """Return the paths of the units that are in this state."""
+    return {path for path, now in reader.unit_states(reader.latest()).items() if now == state}
+
+
+def _left_stopped(reader: RunReader, units: Collection[str]) -> list[str]:
+    """Return which of these units are Stopped after the application could restart them."""
+    if not units:
+        return []
+    last, deadline = _ticks(reader) + REACTION_PERIODS, time.monotonic() + REACTION_TIME
+    while _ticks(reader) < last and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return sorted(_units_in(reader, "stopped").intersection(units))
+
+
+def _ticks(reader: RunReader) -> int:
+    """Return the number of the last period."""
+    frame = reader.latest()
+    return 0 if frame is None else int(frame["number"])
 
 
 def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:

@@ -181,8 +181,8 @@ ACKNOWLEDGE = Verb(
 )  # fmt: skip
 CLEAR = Verb(
     "clear", "End the faults of equipment, and initialise the parts that had failed. In automatic mode an application "
-    "that waits for this continues immediately: the machine may move.", _clear, Names.EQUIPMENT, role=Role.OPERATE,
-    of_many=True,
+    "that waits for this continues immediately: the machine may move. A unit whose application does not wait stays "
+    "Stopped until its `reset` and `start`.", _clear, Names.EQUIPMENT, role=Role.OPERATE, of_many=True,
 )  # fmt: skip
 ACKNOWLEDGE_ALARM = _of_alarms(
     "acknowledge alarm", "Acknowledge alarms: confirm that they were seen.", Operation.ACKNOWLEDGE, Role.OPERATE
