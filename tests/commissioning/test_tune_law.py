@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,12 @@ from helpers import lagging, patient
 from helpers.tiers import first
 from helpers.true_margins import true_margins
 from helpers.waiting import until
+from umo.commissioning.tuning.law_facts import LawFacts
+from umo.commissioning.tuning.live_experiment import moves
 from umo.commissioning.tuning.margins import Gains
 from umo.commissioning.tuning.models import ProcessModel
+from umo.errors import RangeError
+from umo.objects.quality import Quality
 from umo.process.start import LINUX
 from umo_command.app import app
 
@@ -124,6 +129,22 @@ def following_error(folder: Path) -> float:
     return float(np.sqrt(np.mean([float(row["z.error[um]"]) ** 2 for row in rows])))
 
 
+@pytest.mark.parametrize(("actions", "home"), [(("z.home", "home"), "home"), (("z.home",), "z.home")])
+def test_an_axis_that_is_not_referenced_is_refused_with_the_command_that_homes_it(
+    actions: tuple[str, ...], home: str
+) -> None:
+    class Unreferenced(dict[str, Any]):
+        reader = SimpleNamespace(
+            layout=SimpleNamespace(actions=[{"path": each} for each in actions]), about={"station": "arm"}
+        )
+
+    station: Any = Unreferenced({"z.encoder": SimpleNamespace(quality=Quality.UNREFERENCED)})
+    facts = LawFacts("z.servo", "z.encoder", "z.motor", Gains(1.0), 0.001, axis=True)
+    with pytest.raises(RangeError) as refused:
+        moves(station, facts, 1.0)
+    assert str(refused.value) == f"z is not referenced: `umo do arm call {home}` first"
+
+
 @pytest.mark.full
 def test_an_axis_is_tuned_from_its_moves_with_feed_forward_and_friction(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -143,6 +164,7 @@ def test_an_axis_is_tuned_from_its_moves_with_feed_forward_and_friction(
     printed = invoke("tune", "law", "ztheta", "z", "--file", trace, "--from", "6").stdout
     parameters = printed[printed.index("[parameters]") :]
     assert '"z.feed_forward" = ' in parameters
+    assert "  umo tune number ztheta z.servo.gain " in printed
     wiring = patient.patient("ztheta", after)
     wiring.write_text(f"{wiring.read_text()}\n{parameters}")
     monkeypatch.chdir(after)
@@ -165,7 +187,7 @@ def test_without_a_law_the_laws_are_listed() -> None:
         (["servo", "--relay", "10 K", "--at", "1"], "--relay"),
         (["servo", "--relay", "60%", "--at", "1"], "an amplitude of at most"),
         (["servo", "--relay", "-10%", "--at", "1"], "amplitude"),
-        (["servo", "--relay", "10%", "--at", "1", "--within", "0.01"], "has moved by"),
+        (["servo", "--relay", "10%", "--at", "1", "--within", "0.01"], "(`--within` sets this)"),
         (["servo", "--step", "10%", "--at", "9", "--lasts", "5"], "the application ended before"),
         (["servo", "--moves", "10 mm"], "does not run"),
         (["servo", "--file", "none.csv"], "there is no such file"),

@@ -183,7 +183,9 @@ class LoopExperiments:
         wanted = self._excitation.next(measurement, dt)
         if moved > self._within:
             bound = measure(self._within, self.units)
-            told = f"the measurement has moved by {measure(moved, self.units)}, more than {bound}"
+            told = (
+                f"the measurement has moved by {measure(moved, self.units)}, more than {bound} (`--within` sets this)"
+            )
             if isinstance(self._excitation, StepChange):
                 self._ended = told
             else:
@@ -223,7 +225,10 @@ class LoopExperiments:
         each = max(self._dt, self._part._machine.period) / period if period else 1.0
         self._most_idle = MAX_IDLE_PERIODS * max(round(each), 1) + 1
         if self._is_idle:
-            self._failed = "the law does not act: nothing calls its `control`, or its sensor is not GOOD"
+            self._failed = (
+                "the law does not act: nothing calls its `control`, or its sensor is not GOOD; run in automatic mode "
+                "until the law controls, then change to manual mode and try again"
+            )
         output = self._loop.output
         if output is None or self._driven is None or self._failed:
             return

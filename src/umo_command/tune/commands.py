@@ -15,7 +15,8 @@ command = group(
     "tune",
     "Develop",
     "Change the numbers of a machine: tunable numbers, gains of control laws, recipes and kept values.",
-    "umo tune number ztheta  |  umo tune law furnace zones.3 --relay 10%  |  umo tune recipe batch",
+    "umo tune number ztheta  |  umo tune law furnace zones.3 --relay 5% --at '3 min' --peak 300  |  "
+    "umo tune recipe batch",
 )
 
 
@@ -87,9 +88,9 @@ def kept(
 
 
 @command(
-    epilog="Examples: umo tune law furnace zones.3 --relay 10%  |  umo tune law furnace zones.3 --step 10% --within 50"
-    "  |  umo tune law furnace zones.3 --relay 5% --at '3 min' --peak 300  |  umo tune law furnace zones.3 --file "
-    "trace.csv --from '2 min'  |  umo tune law ztheta z --moves '20 mm'  |  umo tune law ztheta z --file run.mcap",
+    epilog="Examples: umo tune law furnace zones.3 --relay 5% --at '3 min' --peak 300  |  umo tune law furnace zones.3 "
+    "--step 10% --within 50 --at '3 min' --peak 300  |  umo tune law furnace zones.3 --file trace.csv --from '2 min'  "
+    "|  umo tune law ztheta z --moves '20 mm'  |  umo tune law ztheta z --file run.mcap",
     status="0 gains were found; 1 the experiment or the machine failed; 2 no gains can be found, or the command line "
     "is wrong (see stderr); 130 Ctrl-C: the old output was restored, and the law is in control again",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},

@@ -42,19 +42,15 @@ def settings_report(
     base = result.facts.base
     if result.axis is not None:
         axis = base.rpartition(".")[0]
+        told.lines += _tries(told, station, base, tunable)
         fields = [toml_line(f"{axis}.{each}".lstrip("."), setting_text(value)) for each, value in told.values.items()]
-        heading = f"To try and to keep the {name} set, in the wiring; the feed-forward belongs to these gains:"
+        heading = f"To keep the {name} set, with the feed-forward that belongs to it, in the wiring:"
         told.lines += [heading, "  [parameters]", *(f"  {line}" for line in fields)]
         return told
-    paths = {each: f"{base}.{each}" for each in told.values}
-    inside = {each: path for each, path in paths.items() if path in tunable and isfinite(told.values[each])}
+    inside = _tunable_settings(told, base, tunable)
     lines = told.lines
     if inside:
-        lines += [f"To try the {name} set, while the station runs:"]
-        for each, path in inside.items():
-            low, high = tunable[path]
-            beyond = "" if low <= told.values[each] <= high else f"   # outside of its range, {low:g} to {high:g}"
-            lines.append(f"  umo tune number {station} {path} {setting_text(told.values[each])}{beyond}")
+        lines += _tries(told, station, base, tunable)
         lines += ["To keep it, in the wiring:", "  [parameters]"]
         lines += [f"  {toml_line(path, setting_text(told.values[each]))}" for each, path in inside.items()]
     rest = {each: value for each, value in told.values.items() if each not in inside}
@@ -62,6 +58,24 @@ def settings_report(
         settings = ", ".join(f"{each}={_code(value)}" for each, value in rest.items())
         lines.append(f"In the code, where {base} is made{' (not tunable)' if inside else ''}: {settings}")
     return told
+
+
+def _tunable_settings(told: SettingsReport, base: str, tunable: Mapping[str, tuple[float, float]]) -> dict[str, str]:
+    """Return the paths of the settings that can be tuned while the station runs, by the names of the settings."""
+    paths = {each: f"{base}.{each}" for each, value in told.values.items() if isfinite(value)}
+    return {each: path for each, path in paths.items() if path in tunable}
+
+
+def _tries(told: SettingsReport, station: str, base: str, tunable: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+    """Yield the lines by which the set can be tried while the station runs."""
+    inside = _tunable_settings(told, base, tunable)
+    if inside:
+        without = " (without the feed-forward)" if "feed_forward" in told.values else ""
+        yield f"To try the {told.name} set{without}, while the station runs:"
+    for each, path in inside.items():
+        low, high = tunable[path]
+        beyond = "" if low <= told.values[each] <= high else f"   # outside of its range, {low:g} to {high:g}"
+        yield f"  umo tune number {station} {path} {setting_text(told.values[each])}{beyond}"
 
 
 def _code(value: float) -> str:

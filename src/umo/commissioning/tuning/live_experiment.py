@@ -13,6 +13,7 @@ from umo.commissioning.tuning.measured_response import MeasuredResponse
 from umo.commissioning.tuning.running_station import RunningStation
 from umo.errors import RangeError, UmoError
 from umo.objects.presentation.value_text import measure
+from umo.objects.quality import Quality
 from umo.operation.commands.verbs import CALL, LET_GO
 from umo.recording.scope.history import ThinnedHistory
 
@@ -78,8 +79,10 @@ def moves(
     station: RunningStation, facts: LawFacts, distance: float, show: Callable[[], object] = lambda: None
 ) -> MeasuredResponse:
     """Move an axis by this distance and back, twice, under the lease. Raises RangeError if the move would leave the
-    range of the axis, and the errors of `move_to`."""
+    range of the axis or if the axis is not referenced, and the errors of `move_to`."""
     axis = facts.law.rpartition(".")[0]
+    if station[facts.sensor].quality is Quality.UNREFERENCED:
+        raise RangeError(f"{axis} is not referenced: {_how_to_home(station, axis)} first")
     start = float(station[facts.sensor].read())
     low, high = next(each for each in station.reader.layout.described.objects if each.path == facts.sensor).bounds
     inside = [each for each in (start + distance, start - distance) if low <= each <= high]
@@ -91,3 +94,10 @@ def moves(
             station.carry_out(CALL, f"{axis}.move_to", {"position": position}, samples.look)
         samples.look()
         return samples.response()
+
+
+def _how_to_home(station: RunningStation, axis: str) -> str:
+    """Return the command that homes the machine; for a machine without such an action, the axis."""
+    actions = [each["path"] for each in station.reader.layout.actions]
+    path = "home" if "home" in actions else f"{axis}.home"
+    return f"`umo do {station.reader.about['station']} call {path}`"
