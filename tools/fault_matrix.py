@@ -40,7 +40,7 @@ from umo.drivers.faults.wrapper import FaultyDriver
 from umo.drivers.off_cycle import OffCycle
 from umo.drivers.optional import Reports
 from umo.drivers.wrapping import Wrapper, of_driver
-from umo.errors import StopError, WiringError
+from umo.errors import OptionError, StopError
 from umo.objects import Binary, atoms
 from umo.operation import ProcedureState
 from umo.operation.alarms import AlarmState
@@ -586,7 +586,7 @@ def _refused(trial: Trial, fault: str) -> bool:
     station = find(trial.station)
     try:
         resolve(station.machine(**trial.machine), station.wiring(None), {"fault": fault})
-    except WiringError:
+    except OptionError:
         return True
     return False
 

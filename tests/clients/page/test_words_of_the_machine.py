@@ -43,4 +43,4 @@ def test_the_page_knows_a_latched_interlock_by_its_reason() -> None:
 
 def test_the_page_knows_an_alarm_that_comes_by_its_state() -> None:
     come = {state for state in AlarmState if re.match(PATTERNS["COMES"], f"{state} is active")}
-    assert come == {AlarmState.UNACKNOWLEDGED, AlarmState.BAD_UNACKNOWLEDGED}
+    assert come == {AlarmState.UNACKNOWLEDGED, AlarmState.BAD_UNACKNOWLEDGED, AlarmState.SHELVED_ACTIVE}
