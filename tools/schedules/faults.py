@@ -35,6 +35,8 @@ class What(StrEnum):
     """The starter is asked to stop the machine."""
     NO_FORK = "no-fork"
     """The next fork of the process fails."""
+    NO_FORKS = "no-forks"
+    """Every fork of the process fails, for a time."""
     NO_DISK = "no-disk"
     """Whatever is written to a disk fails, for a time."""
     SILENT = "silent"
@@ -42,7 +44,7 @@ class What(StrEnum):
 
 
 OF_NOBODY = (What.ASK, What.NO_DISK)
-LASTING = (What.HOLD, What.NO_DISK, What.SILENT)
+LASTING = (What.HOLD, What.NO_FORKS, What.NO_DISK, What.SILENT)
 
 
 class ScheduleError(ValueError):

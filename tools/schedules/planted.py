@@ -212,6 +212,7 @@ PLANTED = (
     # the end of a run
     Planted("control is not killed before the reset", RUN_END,
             "        control.process.send(signal.SIGKILL)\n        left", "        left",
+            "the reset waits for its end, and the starter ends it", ["the starter leaves behind what is stopped"],
             by=ROWS["control stopped"]),
     Planted("what control could not reset is not reset", RUN_END,
             "        if outcome.unreached:\n            left", "        if False:\n            left",
@@ -282,8 +283,7 @@ PLANTED = (
             by=ROWS["resetter killed"]),
     Planted("nothing is done where no child can be had", RESET,
             "                self._work_here(group, is_dead, limit, until)\n", "                pass\n",
-            by="0 long: no-fork guardian at worker:20; no-fork guardian at worker:20+100ms; kill reserve at worker:20; "
-            "kill control at worker:20"),
+            by="0 long: no-forks guardian 60000ms at worker:20; kill reserve at worker:20; kill control at worker:20"),
     Planted("no last attempt", RESET, "        self._try_last(lasting, is_dead)\n", "",
             "the attempts before: it is for outputs that none came to, as others of their driver had timed out; here "
             "each driver has one output (tests/process/test_reset_attempts.py)"),

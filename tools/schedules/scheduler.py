@@ -106,6 +106,8 @@ class Process:
     """The number of events when it began to wait."""
     fork_fails: bool = False
     """Whether its next fork fails."""
+    forks_fail_until: int = 0
+    """Time in ns until which each of its forks fails."""
 
     @property
     def gates(self) -> int:
@@ -386,7 +388,7 @@ class Scheduler:
                 process.pending.append(second)
         elif effect is Effect.ALARM:
             process.alarm, process.interval = (self.clock + first if first else 0), second
-        elif effect is Effect.FORK and process.fork_fails:
+        elif effect is Effect.FORK and (process.fork_fails or self.clock < process.forks_fail_until):
             process.fork_fails, cells[Cell.ERROR] = False, errno.EAGAIN
         elif effect is Effect.DISK and self._disk_is_full:
             cells[Cell.ERROR] = errno.ENOSPC
@@ -477,6 +479,8 @@ class Scheduler:
             self.held_until = max(self.held_until, process.held_until)
         elif fault.what is What.NO_FORK:
             process.fork_fails = True
+        elif fault.what is What.NO_FORKS:
+            process.forks_fail_until = self.clock + fault.lasting
         else:
             number = {What.KILL: signal.SIGKILL, What.STOP: signal.SIGSTOP, What.CONTINUE: signal.SIGCONT}[fault.what]
             self._signal(process, number, "fault")
