@@ -359,8 +359,8 @@ def test_what_is_not_known_for_the_answer_leaves_the_unit_recovering(
 
 
 def test_a_line_that_was_opened_again_begins_with_a_recovery(start: Start, connected: Unit, clock: Clock) -> None:
-    peer = start("1:late=150")
-    driver = connected(peer, recovery="300 ms")
+    peer = start("1:late=600")
+    driver = connected(peer, recovery="800 ms")
     clock.recovered()
     driver.timeout = HASTY
     with pytest.raises(DeviceTimeout):
