@@ -39,7 +39,8 @@ from umo.system import calls
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the processes of a run need Linux")
 EVERY_KIND = (
     "7 frames: kill control at guardian:12; stop standby at guardian:12+60ms; continue standby at 90.5ms; "
-    "hold worker 150ms at worker:3; ask at 20ms; no-fork guardian at guardian:9; no-disk 500ms at 1ms; "
+    "hold worker 150ms at worker:3; ask at 20ms; no-fork guardian at guardian:9; "
+    "no-forks guardian 80ms at guardian:9; no-disk 500ms at 1ms; "
     "silent d2 1300ms at control:20"
 )
 PARTS = 20
