@@ -102,8 +102,8 @@ class CommandStage:
                 self._image.events.add(Event(self._image.clock.now, "", text), logged=True)
 
     def watch(self, call: WriteWatch) -> None:
-        """From now on call this function for each write and each default that is sent, with the slot, the value, the
-        source ("program", "client", "default"), and whether the write was accepted. While there is such a function,
+        """Call this function for each write and each default that is sent, with the slot, the value, the source
+        ("program", "client", "default"), and whether the write was accepted. While there is such a function,
         every write passes this stage."""
         self._watching.append(call)
         self._ask()

@@ -18,10 +18,10 @@ from typing import Any
 from umo.cycle.claim_table import Claims
 from umo.cycle.events import FAULT, FAULT_CLEARED, FAULT_PREFIX, Event
 from umo.cycle.guards import Guards
-from umo.cycle.image import Image
+from umo.cycle.image import Image, raise_failures
 from umo.cycle.inhibition import Inhibition
 from umo.cycle.sequences import Task
-from umo.errors import DriverError, EquipmentFault, Failure, chained, text_later
+from umo.errors import DriverError, EquipmentFault, Failure, text_later
 from umo.objects import Actuator, Atomic, Compound, Interlock, Node, Quality, atoms, walk
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.node import outwards
@@ -207,7 +207,7 @@ class Containment:
         new = {equipment: each for equipment, each in contained.items() if not self.is_in_fault(equipment.compound)}
         self.enter({equipment: partial(_text_of_failures, what, each) for equipment, each in new.items()})
         if own:
-            raise chained(DriverError(what, own))
+            raise_failures(what, own)
 
     def contain(self, part: Node, error: BaseException) -> bool:
         """Put the equipment of an object into fault. Return False if no equipment contains it."""
@@ -317,7 +317,7 @@ class Containment:
         if cleared:
             self._changed(cleared)
         if failures:
-            raise chained(DriverError("could not be initialised", list(failures.values())))
+            raise_failures("could not be initialised", list(failures.values()))
         return [each.path for each in cleared]
 
     def _read_slow(self, slots: Sequence[int]) -> None:

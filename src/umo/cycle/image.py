@@ -39,7 +39,7 @@ def raise_others(error: BaseException) -> None:
         raise error
 
 
-def raise_failures(what: str, failures: Sequence[Failure]) -> None:
+def raise_failures(what: str, failures: Sequence[Failure]) -> NoReturn:
     raise chained(DriverError(what, failures))
 
 

@@ -196,7 +196,7 @@ def _close_given(coroutine: Any) -> None:
 
 
 def hear() -> Callable[[], None]:
-    """From now on, raise an error if a sequence of this thread is never awaited. Return the function that stops this
+    """Raise an error from now on if a sequence of this thread is never awaited. Return the function that stops this
     check."""
     thread = get_ident()
     _WATCH.begin(thread)

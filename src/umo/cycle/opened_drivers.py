@@ -9,10 +9,11 @@ from typing import Any
 
 from umo.cycle.attempts import Attempts
 from umo.cycle.drivers_away import DriversAway, in_order
+from umo.cycle.image import raise_failures
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.segments import UNCONTROLLED_TIMEOUT, settling
 from umo.cycle.to_defaults import ToDefault
-from umo.errors import DriverError, Failure, chained, text_of
+from umo.errors import Failure, text_of
 from umo.objects import Sensor, atoms
 from umo.wiring.wired import Wired
 
@@ -39,13 +40,13 @@ class OpenedDrivers:
                 self._initialized.append(slot)
                 failure = self._image.initialize(slot)
                 if failure is not None:
-                    raise chained(DriverError("could not be initialised", [failure]))
+                    raise_failures("could not be initialised", [failure])
             for name, limit in self._wired.watchdogs.items():
                 segments.watchdog(name, limit)
         self._contain_absences()
 
     def _contain_absences(self) -> None:
-        """From now on let no call wait for a device that does not answer."""
+        """Let no call wait any longer for a device that does not answer."""
         image, machine = self._image, self._machine
         sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
         slots = in_order([*machine.claims.order, *sensors], [wire.driver for wire in image.wires])

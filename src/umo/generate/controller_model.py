@@ -69,11 +69,11 @@ class ControllerObject:
     bounds: tuple[float, float]
     """Minimum and maximum."""
     good: tuple[float, float] = (0.0, 0.0)
-    """For a sensor: the bounds within which a value is GOOD."""
+    """The bounds within which the value of a sensor is GOOD."""
     raws: tuple[float, float] = (0.0, 0.0)
-    """For an actuator or a timer: the smallest and the largest raw integer."""
+    """The smallest and the largest raw integer of an actuator or a timer."""
     one: int = 0
-    """For a binary object: the number of the state for level 1, in the order of the Enum."""
+    """The number of the state of a binary object for level 1, in the order of the Enum."""
     clamps: bool = False
     marks: bool = False
     incremental: bool = False

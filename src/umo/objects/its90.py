@@ -67,7 +67,7 @@ T 0 400
   0 0.387481063640e-01 0.332922278800e-04 0.206182434040e-06 -0.218822568460e-08 0.109968809280e-10
   -0.308157587720e-13 0.454791352900e-16 -0.275129016730e-19
 """
-"""For each range: the type, its ends in degC, and the coefficients of E in mV = sum of c[i] t^i, t in degC."""
+"""The ranges: for each the type, its ends in degC, and the coefficients of E in mV = sum of c[i] t^i, t in degC."""
 _EXPONENTIAL = {("K", 0.0): (0.118597600000, -0.118343200000e-03, 0.126968600000e03)}
 """The coefficients a of the term a[0] exp(a[1] (t - a[2])^2), by type and start of the range."""
 

@@ -44,7 +44,7 @@ def opened_patiently(open: Callable[[], zenoh.Session], stopped: Callable[[], bo
 
 
 def tell_connection(session: zenoh.Session) -> None:
-    """From now on, print a line when the connection is lost and when it is restored."""
+    """Print a line whenever the connection is lost, and whenever it is restored."""
     threading.Thread(target=_tell, args=(session,), name="umo fleet connection", daemon=True).start()
 
 

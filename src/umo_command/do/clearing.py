@@ -3,7 +3,6 @@ of it, that only an operator may end."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from umo.system.device_record import DeviceClaim
 from umo.text import did_you_mean
 from umo.wiring.patterns import chosen
 from umo_command.console import out
-from umo_command.do.commanding import leased, station_of
+from umo_command.do.commanding import leased, let_pass, station_of
 from umo_command.show.stations import attach, readers, standing
 
 REACTION_PERIODS, REACTION_TIME = 3, 5.0
@@ -79,16 +78,8 @@ def _left_stopped(reader: RunReader, units: Collection[str]) -> list[str]:
     """Return which of these units are Stopped after the application could restart them."""
     if not units:
         return []
-    last, deadline = _ticks(reader) + REACTION_PERIODS, time.monotonic() + REACTION_TIME
-    while _ticks(reader) < last and time.monotonic() < deadline:
-        time.sleep(0.01)
+    let_pass(reader, REACTION_PERIODS, REACTION_TIME)
     return sorted(_units_in(reader, "stopped").intersection(units))
-
-
-def _ticks(reader: RunReader) -> int:
-    """Return the number of the last period."""
-    frame = reader.latest()
-    return 0 if frame is None else int(frame["number"])
 
 
 def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:

@@ -297,7 +297,7 @@ def set_running(reader: Reader, path: str, text: str, hold: float | None, over: 
 
 def _show(reader: RunReader, path: str, what: str, held_at: float | str | None = None) -> None:
     """Show an actuator that was written or released. If it is held and still moves with its slew rate, say so."""
-    _let_pass(reader)
+    let_pass(reader, 2, 1.0)
     (row,) = reader.rows(reader.latest(), [reader.index(path)])
     shown, way = value_of([row]), ""
     if isinstance(held_at, float | int) and row.quality == Quality.GOOD and shown != row.about.text(held_at):
@@ -305,9 +305,9 @@ def _show(reader: RunReader, path: str, what: str, held_at: float | str | None =
     out.print(f"{path}  {what}{shown}  {quality_of([row])}{way}")
 
 
-def _let_pass(reader: RunReader) -> None:
-    """Wait for two periods. If outputs are sent at the next tick, the frame of the command does not show its effect
-    yet."""
-    until, end = reader.now().periods + 2, time.monotonic() + 1.0
+def let_pass(reader: RunReader, periods: int, within: float) -> None:
+    """Wait for some periods, for at most `within` s: the frame of a command does not show its effect yet if outputs are
+    sent at the next tick, or if the application acts on it."""
+    until, end = reader.now().periods + periods, time.monotonic() + within
     while reader.now().periods < until and reader.state is Stage.RUNNING and time.monotonic() < end:
         time.sleep(max(reader.about["period"], MIN_PAUSE))

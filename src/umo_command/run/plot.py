@@ -249,9 +249,8 @@ def _states(axis: Any, time: Any, values: Any, row: int, states: Mapping[int, st
         bars = _bars(time, values == number)
         axis.broken_barh(bars, (row - 0.38, 0.76), facecolors=f"C{place % 10}", alpha=0.45)
         named += [(length, begin, name) for begin, length in bars]
-    inches = 0.75 * WIDTH / max(time[-1] - time[0], 1e-9)
     for length, begin, name in sorted(named, reverse=True)[:MAX_NAMED_BARS]:
-        if length * inches > (len(name) + 1) * CHARACTER_WIDTH:
+        if _room(length, time[-1] - time[0]) > len(name):
             axis.text(begin + length / 2, row, name, ha="center", va="center", fontsize=7, parse_math=False)
 
 
@@ -319,9 +318,8 @@ def _phases(axes: Any, trace: Curves) -> None:
             alpha=0.10,
             linewidth=0,
         )
-    inches = 0.75 * WIDTH / max(last - first, 1e-9)
     for (begin, text), length in zip(trace.notes, lengths, strict=True):
-        label, room = text.rpartition(": ")[2], int(length * inches / CHARACTER_WIDTH)
+        label, room = text.rpartition(": ")[2], _room(length, last - first)
         if not label or room < 4:
             continue
         axes[0].text(
@@ -334,6 +332,11 @@ def _phases(axes: Any, trace: Curves) -> None:
             clip_on=False,
             parse_math=False,
         )
+
+
+def _room(length: float, whole: float) -> int:
+    """Return how many characters of the texts of the figure fit into a part of its time."""
+    return int(length * 0.75 * WIDTH / max(whole, 1e-9) / CHARACTER_WIDTH)
 
 
 def _missed(axes: Any, trace: Curves) -> None:

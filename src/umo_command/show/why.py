@@ -79,25 +79,25 @@ def _is_shown_live(station: str) -> bool:
         return False
     with reader:
         name, started = str(reader.about["station"]), float(reader.about["started"])
-        return bool(reader.faults(reader.latest())) or all(modified(path) < started for path in _boxes_of(name))
+        if reader.faults(reader.latest()):
+            return True
+        return not any(_is_of(box, name) and modified(box) >= started for box in blackbox.boxes(blackbox.folder()))
 
 
-def _boxes_of(station: str) -> list[Path]:
-    """Return the black boxes of a station, oldest first."""
-    return [path for path in blackbox.boxes(blackbox.folder()) if blackbox.station_of(path) == station_name(station)]
+def _is_of(box: Path, station: str) -> bool:
+    return blackbox.station_of(box) == station_name(station)
 
 
 def _newest(station: str | None) -> Path:
-    found = blackbox.boxes(blackbox.folder())
-    if station is not None:
-        names = [blackbox.station_of(path) for path in found]
-        found = _boxes_of(station)
-        if not found and names:
-            known = ", ".join(dict.fromkeys(names))
-            raise FramesError(
-                f"nothing is known of {station!r}{did_you_mean(station, names)}: it is not running, no period was "
-                f"missed, and no run has failed; there are black boxes of: {known}"
-            )
+    boxes = blackbox.boxes(blackbox.folder())
+    found = boxes if station is None else [path for path in boxes if _is_of(path, station)]
+    if station is not None and boxes and not found:
+        names = [blackbox.station_of(path) for path in boxes]
+        known = ", ".join(dict.fromkeys(names))
+        raise FramesError(
+            f"nothing is known of {station!r}{did_you_mean(station, names)}: it is not running, no period was "
+            f"missed, and no run has failed; there are black boxes of: {known}"
+        )
     if not found:
         raise FramesError(
             "no black box yet: one is written when a period is missed in real time; `umo show why --now` writes one "

@@ -54,9 +54,9 @@ class FmuChannel(Channel):
     kind: str = TICK
     """The type of the variable, as `kind_of` returns it: Real for fmi2GetReal."""
     scale: float | None = None
-    """For a float: the change of the variable for one raw step."""
+    """The change of a float for one raw step."""
     units: str | None = None
-    """For a float: the unit in the model description, if pint knows it."""
+    """The unit of a float in the model description, if pint knows it."""
     element: int = 0
     """The index of the value in an array, in the order of FMI, from 0."""
     size: int = 1

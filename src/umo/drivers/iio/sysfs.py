@@ -43,7 +43,7 @@ UNITS = {
     "energy": (1.0, "J"),
     "electricalconductivity": (1.0, "S/m"),
 }
-"""For each type of channel, the unit that pint knows and the factor from the kernel's unit to this unit."""
+"""The unit that pint knows, and the factor from the kernel's unit to this unit, by the type of channel."""
 
 
 def find(device: str) -> Path:

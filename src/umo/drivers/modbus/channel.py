@@ -105,7 +105,7 @@ class ModbusChannel(Channel):
     masked: bool = False
     """True if a field is written by function 22, which does not change the other bits of the register."""
     uncut: ModbusChannel | None = field(default=None, compare=False, repr=False)
-    """For a field, the channel with all registers of its value."""
+    """The channel with all registers of the value of a field."""
 
     @property
     def end(self) -> int:

@@ -191,20 +191,21 @@ class OffCycle(Wrapper):
     # While the machine runs ------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """From now on no call waits. The first transfer has been made, or has failed, when this returns."""
+        """Begin the cyclic transfers, so that no call waits. The first transfer has been made, or has failed, when this
+        returns."""
         self.request("begin")
         self.running = True
         self.exchange.cells[Cell.CYCLIC] = 1
         self.accept_generation(self.exchange.arrivals.read()[1])
 
     def end(self) -> None:
-        """From now on make each call a request again. The worker then makes no calls by itself."""
+        """Make each call a request again. The worker then makes no calls by itself."""
         self.exchange.cells[Cell.CYCLIC] = 0
         self.running = False
 
     def accept_generation(self, rows: IntArray) -> None:
-        """From now on post values for the generation of outputs to which these values belong (`generation_of`), and
-        cancel all orders."""
+        """Post values for the generation of outputs to which these values belong (`generation_of`), and cancel all
+        orders."""
         self.generation = generation_of(rows)
         self._wanted[Wanted.RAW], self._wanted[Wanted.ORDER] = rows[Row.RAW], rows[Row.ORDER]
         self._wanted[Wanted.GENERATION] = self.generation
@@ -224,7 +225,7 @@ class OffCycle(Wrapper):
         return int(self._wanted[Wanted.ORDER, number])
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """From now on post and request nothing in this process. `instead` is called in place of each call."""
+        """Post and request nothing in this process any more. `instead` is called in place of each call."""
         self.request = self.exchange.wanted.post = instead  # type: ignore[method-assign]
 
     def places(self, channels: Sequence[Channel]) -> IntArray:

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 from umo.cycle.events import ALARM, Event
 from umo.operation.alarms import AlarmState, Priority
-from umo.operation.alarms.alarm_states import ANNUNCIATED, TO_BE_ACKNOWLEDGED, operations
-from umo.operation.alarms.engine import RESULTS
+from umo.operation.alarms.alarm_states import ACTIVE, ANNUNCIATED, TO_BE_ACKNOWLEDGED, operations
 from umo.operation.commands.verb import Names
 from umo.operation.commands.verbs import naming
 
@@ -88,7 +87,7 @@ def alarms_text(rows: Sequence[AlarmRow]) -> list[str]:
 
 
 _NOT_NORMAL = frozenset(AlarmState) - {AlarmState.NORMAL}
-_ACTIVE = tuple(f"{state} (" for state in RESULTS)
+_ACTIVE = tuple(f"{state} (" for state in ACTIVE & ANNUNCIATED)
 """The beginnings of the texts of events that say that an alarm is active."""
 _PRIORITIES = {str(priority): priority for priority in Priority}
 
