@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from umo.cycle.stage import Stage
 from umo.duration import duration
+from umo.process.outcome import Outcome
 from umo.process.processor_share import ProcessorShare
 from umo.process.run_state import RunState
 
@@ -17,7 +18,7 @@ nothing controls the machine during this time."""
 STARTING_LIMIT = 30.0
 """Timeout in s of a step of connecting, in addition to two periods."""
 REPORTING_LIMIT = 5.0
-"""Timeout in s for the report of the control process when the machine has been reset."""
+"""Timeout in s for the report of a control process that has reset the machine."""
 
 MIN_GUARDIAN_LIMIT = 0.5
 """The minimum time in s without a heartbeat before a guardian counts as lost. It is this long because a busy computer
@@ -67,6 +68,14 @@ class HangDetector:
     @property
     def limit(self) -> float:
         """The limit in s in the present stage of the run."""
-        if self._run_state.stage is Stage.STARTING:
+        stage = self._run_state.stage
+        if stage is Stage.STARTING:
             return STARTING_LIMIT + 2 * self._period
-        return REPORTING_LIMIT if self._run_state.stage is Stage.ENDED else self._hang
+        return REPORTING_LIMIT if stage is Stage.ENDED and self._is_reset else self._hang
+
+    @property
+    def _is_reset(self) -> bool:
+        """True if the control process has reported that it has reset the machine. Otherwise the guardian resets what is
+        left, and waits no longer than for a control process that drives."""
+        outcome = Outcome.decode(self._run_state.reported())
+        return outcome is not None and not outcome.unreached

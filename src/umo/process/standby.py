@@ -108,9 +108,15 @@ class Standby:
             calls.handle_signal(number, signal.SIG_IGN)
         while not self._run_state.gone(LOOK_INTERVAL, Who.GUARDIAN) and self._silence.look() <= 0:
             pass
+        self._follow()
+        return 0
+
+    def _follow(self) -> None:
+        """Become the only guardian. The starter is told which process this is, as the guardian may have died before it
+        told."""
+        tell_who(self._channel, "standby", os.getpid())
         self._make_sure()
         self._take_over()
-        return 0
 
     def _make_sure(self) -> None:
         """End the guardian, and wait for the end of the guardian and its child. Then only the control process can still
@@ -134,9 +140,7 @@ class Standby:
         if not (run_state.end(Who.STANDBY, DEATH_TIMEOUT) and run_state.hold(Who.STANDBY)):
             return False  # one that the guardian had just forked
         name_process("umo standby")
-        tell_who(self._channel, "standby", os.getpid())
-        self._make_sure()
-        self._take_over()
+        self._follow()
         return True
 
     def _standby_is_out(self) -> bool:
