@@ -385,7 +385,7 @@ class Scheduler:
         elif effect is Effect.DIE_WITH:
             process.dies_with = first, second
             if self.processes[first].is_dead:
-                process.pending.append(second)
+                process.pending.append(second)  # at this gate, from which it has not yet gone on
         elif effect is Effect.ALARM:
             process.alarm, process.interval = (self.clock + first if first else 0), second
         elif effect is Effect.FORK and (process.fork_fails or self.clock < process.forks_fail_until):
@@ -419,10 +419,10 @@ class Scheduler:
             raise WorldError(f"{process.name} does not end")
         process.is_dead, process.is_stopped, process.ended_by = True, False, by
         self._happen(Wakes.DEATH)
-        for other in self.living():
+        for other in list(self.living()):
             if other.dies_with is not None and other.dies_with[0] == process.slot.number:
-                other.pending.append(other.dies_with[1])
-                other.dies_with = None
+                number, other.dies_with = other.dies_with[1], None
+                self._signal(other, number, "signal")
         self._reap()
 
     def _reap(self) -> None:
