@@ -71,10 +71,10 @@ def show_notebook(connection: umo.connect) -> None:
 
 @contextmanager
 def open_page(width: int, height: int) -> Iterator[Page]:
-    """`umo show page` in Chromium."""
+    """`umo show page` of z-theta in Chromium."""
     from playwright.sync_api import sync_playwright
 
-    command = [sys.executable, "-c", "from umo_command import main; main()", "show", "page", "--port", "0"]
+    command = [sys.executable, "-c", "from umo_command import main; main()", "show", "page", "ztheta", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="light")
@@ -158,4 +158,4 @@ if __name__ == "__main__":
     plot("conveyor.png", "conveyor")
     plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")
     plot("batch.png", "batch", "--batches", "1")
-    command(PICTURES, "tune-law", *TUNED, "--out", "tune.png")
+    command(PICTURES, "tune", "law", *TUNED, "--out", "tune.png")

@@ -206,6 +206,11 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
+def with_time(seconds: float, text: str) -> str:
+    """Return a line that begins with a time in s on the machine's clock."""
+    return f"{seconds:8.3f} s  {text}"
+
+
 def time_of_day(seconds: object, form: str = "%Y-%m-%d %H:%M:%S") -> str:
     """Return the local time for a number of s since 1970 that another process has sent, even if the number is not a
     valid time."""

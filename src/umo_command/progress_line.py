@@ -14,7 +14,7 @@ from rich.console import Console
 
 from umo.cycle.frame import Frame
 from umo.system.streams import CLEAR_LINE
-from umo.text import printable
+from umo.text import printable, with_time
 
 PICTURE_PAUSE = 0.1
 """Wall-clock time in s between two updates of the display."""
@@ -45,6 +45,10 @@ class OneLine:
         if self._is_due(text):
             self._draw(seconds, text, share)
 
+    def note(self, seconds: float, text: str) -> None:
+        """Print a line that stays, with a time."""
+        self._write(f"{CLEAR_LINE if self._terminal else ''}{with_time(seconds, printable(text))}\n")
+
     def _is_due(self, text: str) -> bool:
         return self._clock() >= self._next if self._terminal else bool(text) and text != self._text
 
@@ -54,7 +58,7 @@ class OneLine:
             self._write(f"{CLEAR_LINE}{self._line(seconds, printable(text) or 'running', share)[: self._width]}")
         else:
             self._text = text
-            self._write(f"{seconds:8.3f} s  {printable(text)}\n")
+            self.note(seconds, text)
 
     def _line(self, seconds: float, text: str, share: float | None) -> str:
         if share is None:

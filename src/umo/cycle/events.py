@@ -137,8 +137,8 @@ class Events(Sequence[Event]):
         """The notes of earlier periods."""
         self._spare = 0
         """The number of waiting notes that may be left out."""
-        self._lines: deque[str] = deque()
-        """The lines for the log that are already formatted."""
+        self._lines: deque[tuple[str, float | None]] = deque()
+        """The lines for the log that are already formatted, with the times of their events."""
         self.told = 0
         """The number of events that were formatted so far."""
 
@@ -211,11 +211,12 @@ class Events(Sequence[Event]):
             self.told += 1
             self._kept.append(found)
         if note.logged:
-            self._lines.append(found if isinstance(found, str) else f"{found.path} {found.text}".lstrip())
+            line = (found, None) if isinstance(found, str) else (f"{found.path} {found.text}".lstrip(), found.time)
+            self._lines.append(line)
 
     def _log(self) -> None:
         while self._lines:
-            log_without_waiting(log, self._lines.popleft())
+            log_without_waiting(log, *self._lines.popleft())
         self.untold = bool(self._noted or self._waiting)
 
     @property

@@ -69,11 +69,13 @@ class FaultLog:
         elif event.asked == MISTAKE and len(self.mistakes) < KEPT_MISTAKES:
             self.mistakes.append(MistakeRecord(event.path, event.time, event.text))
 
-    def add_new(self, events: Events) -> None:
-        """Add the new events of a machine in this process that are still kept."""
+    def add_new(self, events: Events) -> list[Event]:
+        """Add the new events of a machine in this process that are still kept, and return them."""
         if events.told == self.next and not events.untold:
-            return
-        if new := events.number - self.next:
-            self.next = events.number
-            for event in list(events)[-new:]:
-                self.add(event)
+            return []
+        new = events.number - self.next
+        self.next = events.number
+        found = list(events)[-new:] if new else []
+        for event in found:
+            self.add(event)
+        return found

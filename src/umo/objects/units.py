@@ -89,6 +89,20 @@ def same_unit(one: str, other: str) -> bool:
     return bool(parse(one) == parse(other))
 
 
+def is_quotient(unit: str, dividend: str, divisor: str) -> bool | None:
+    """Return whether a unit is the quotient of two units: "V/mm" of "V" and "mm". In a quotient degC and degF are
+    differences of temperatures: "percent/K" is the quotient of "percent" and "degC". Return None if a unit has no
+    quotient, as logarithmic units such as dBm."""
+    registered = registry()
+    try:
+        quotient, given = registered.parse_units(f"({dividend})/({divisor})"), registered.parse_units(unit)
+        if not given.is_compatible_with(quotient):
+            return False
+        return math.isclose(registered.Quantity(1.0, given).to(quotient).magnitude, 1.0)
+    except Exception:  # pint raises many types
+        return None
+
+
 @lru_cache(maxsize=1024)
 def line_between(source: str, target: str) -> tuple[float, float] | None:
     """Return factor and offset of the conversion; None if it is not linear, as for logarithmic units such as dBm."""

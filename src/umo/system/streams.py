@@ -25,6 +25,8 @@ from math import inf
 from time import monotonic, sleep
 from typing import Any, TextIO
 
+from umo.text import with_time
+
 CLEAR_LINE = "\r\x1b[2K"
 """The text that clears the line of a terminal, because the line may show the progress of a run."""
 
@@ -36,6 +38,8 @@ READER_TIMEOUT = 10.0
 stream."""
 RETRY_PAUSE = 0.001
 """The time in s until the next attempt if a stream was ready but accepted nothing."""
+CLOCK = "machine_clock"
+"""The attribute of a log record with the time of its event, as text."""
 MAX_LINE = 3000
 """Largest number of bytes of a line of the log: a pipe accepts a line of at most this size either completely or not at
 all (PIPE_BUF is 4096)."""
@@ -240,9 +244,10 @@ _unlogged = 0
 """Number of lines of the log that were dropped since the last one that was taken."""
 
 
-def log_without_waiting(log: logging.Logger, line: str) -> None:
+def log_without_waiting(log: logging.Logger, line: str, seconds: float | None = None) -> None:
     """Log a warning, unless this would have to wait for a handler's stream. In this case the warning is dropped, and
-    the next accepted warning contains the number of dropped warnings."""
+    the next accepted warning contains the number of dropped warnings. `seconds`: the time on the machine's clock, with
+    which the line begins on umo's own terminal (`log_on_lines`)."""
     global _unlogged
     if any(_would_wait(getattr(handler, "stream", None)) for handler in _handlers(log)):
         _unlogged += 1
@@ -251,7 +256,8 @@ def log_without_waiting(log: logging.Logger, line: str) -> None:
         lost, _unlogged = _unlogged, 0
         log.warning("%s", lost_lines(lost))
     text = line.encode(errors="backslashreplace")
-    log.warning("%s", line if len(text) <= MAX_LINE else f"{text[:MAX_LINE].decode(errors='ignore')}...")
+    line = line if len(text) <= MAX_LINE else f"{text[:MAX_LINE].decode(errors='ignore')}..."
+    log.warning("%s", line, extra={} if seconds is None else {CLOCK: with_time(seconds, "")})
 
 
 def _handlers(log: logging.Logger) -> list[logging.Handler]:
@@ -299,10 +305,11 @@ def say_without_waiting(text: str) -> None:
 
 def log_on_lines() -> None:
     """Make log messages that no handler takes begin on a new line, because the current line may show the progress of a
-    run."""
+    run; a message about an event begins with the time of the event."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setLevel(logging.WARNING)
-    handler.setFormatter(logging.Formatter(f"{CLEAR_LINE}%(message)s" if sys.stderr.isatty() else None))
+    begin = CLEAR_LINE if sys.stderr.isatty() else ""
+    handler.setFormatter(logging.Formatter(f"{begin}%({CLOCK})s%(message)s", defaults={CLOCK: ""}))
     logging.lastResort = handler
 
 

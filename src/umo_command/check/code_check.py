@@ -27,6 +27,7 @@ from umo.text import shown_path, shown_place
 from umo.user_code import definition
 from umo_command.check import code_control, code_periods
 from umo_command.check.code_states import CodeObjects
+from umo_command.check.code_units import CodeUnits, declared_units
 from umo_command.check.code_values import (
     ExactObject,
     FunctionNode,
@@ -67,14 +68,15 @@ def mistakes_of(modules: list[ModuleType], machine: Compound, main: Any) -> list
     """Return the errors in some modules. `main`: the application, which receives the machine."""
     sources = {module: _source(str(module.__file__)) for module in modules}
     trees = {module: ast.parse(source) for module, source in sources.items()}
-    names = _Attributes(trees.values())
+    names, units = _Attributes(trees.values()), declared_units(machine)
     objects = Objects(machine, modules, names.changing)
     found = (
         [Mistake(shown_place(definition(main)), "", text)] if main is not None and (text := no_machine(main)) else []
     )
     for module, tree in trees.items():
         code = ModuleCode(module, tree, objects, main)
-        check = _Check(code, sources[module], names, CodeObjects(code, objects))
+        values = CodeObjects(code, objects)
+        check = _Check(code, sources[module], names, values, CodeUnits(code, values, units))
         found += [Mistake(f"{shown_path(str(module.__file__))}:{line}", "", text) for line, text in check.all()]
     return found
 
@@ -121,8 +123,11 @@ class _Attributes:
 class _Check:
     """The check of one module."""
 
-    def __init__(self, code: ModuleCode, source: str, attributes: _Attributes, values: CodeObjects) -> None:
+    def __init__(
+        self, code: ModuleCode, source: str, attributes: _Attributes, values: CodeObjects, units: CodeUnits
+    ) -> None:
         self._code, self._source, self._attributes, self._values = code, source, attributes, values
+        self._units = units
         self._found: dict[tuple[int, str], None] = {}
 
     def all(self) -> list[tuple[int, str]]:
@@ -311,6 +316,12 @@ class _Check:
         if text := self._values.wrongly_written(node, scope):
             self._tell(node, text)
 
+    def _units_taken(self, node: ast.Call, scope: NameScope) -> None:
+        self._tell_all(self._units.called(node, scope))
+
+    def _units_compared(self, node: ast.Compare, scope: NameScope) -> None:
+        self._tell_all(self._units.compared(node, scope))
+
     def _attribute(self, node: ast.Attribute, scope: NameScope) -> None:
         """Check an attribute, unless a string in the code is its name: the code may then test for it with `hasattr`."""
         if node.attr not in self._attributes.in_texts and (text := self._values.misspelt(node, scope)):
@@ -396,6 +407,8 @@ _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.Call, _Check._called),
     (ast.Call, _Check._written),
     (ast.Compare | ast.Match, _Check._states),
+    (ast.Call, _Check._units_taken),
+    (ast.Compare, _Check._units_compared),
     (ast.Attribute, _Check._attribute),
 )
 

@@ -26,6 +26,7 @@ from umo.wiring.process_table import remarks
 from umo.wiring.settings import SettingsError
 from umo.wiring.wired import Wired
 from umo_command.check.code_check import mistakes_in
+from umo_command.check.code_units import wrong_settings
 from umo_command.console import err, out, say
 from umo_command.run.faces_beside import faces_of, names_in
 from umo_command.run.record_beside import check_installed
@@ -59,7 +60,7 @@ def check_station(
         twin.describe(machine)
     check_recipes(machine)
     check_units(machine)
-    in_code = reported(mistakes_in(station, machine))
+    in_code = reported([*wrong_settings(machine, station.name), *mistakes_in(station, machine)])
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
     statuses = [_check_wiring(machine, file) or _check_target(machine, file, target) for file in files]
     for reader in running_in(station.path):

@@ -105,7 +105,8 @@ def run(
     name.
 
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
-    The faces of the wiring are served by another process.
+    The faces of the wiring are served by another process. Changes of alarms and of the mode, faults and interlocks
+    are printed while the station runs.
     The trace (CSV) and the plot (PNG) are written to runs/. Ctrl-C stops safely: every actuator goes to its default.
     """
     name = named(context, help_, station, wiring)

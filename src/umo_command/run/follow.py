@@ -20,6 +20,7 @@ from umo.process.start import Started
 from umo.system.signal_handling import SIGNALS, handling
 from umo.system.streams import without_waiting
 from umo_command.console import say
+from umo_command.run.event_lines import EventLines
 from umo_command.run.faces_beside import FacesBeside
 from umo_command.run.record_beside import RecordBeside
 from umo_command.show.stations import readers
@@ -61,12 +62,13 @@ def follow(
     frame: RingFrame,
     observers: list[Callable[[Any], None]],
     faults: FaultLog,
+    lines: EventLines,
     faces: FacesBeside,
     recorder: RecordBeside,
 ) -> tuple[Outcome, float]:
     """Start the job, and show every frame to the observers until the job ends. Return the outcome of the job, and the
-    time in s that it ran. Faults of equipment are added to `faults`. `faces` are served while the job runs, and end
-    after it. The recorder begins before the job."""
+    time in s that it ran. Faults of equipment are added to `faults`, and all events to `lines`. `faces` are served
+    while the job runs, and end after it. The recorder begins before the job."""
 
     def stop(number: int, frame: object) -> None:
         faces.is_ending = True
@@ -87,8 +89,9 @@ def follow(
                 say(notice)
             told = len(started.notices)
             if started.frames is not None and frame.whole:
-                _show(started.frames, frame, observers, faults)
+                _show(started.frames, frame, observers, faults, lines)
                 lost = started.frames.lost
+            lines.look(is_over=outcome is not None)
             if outcome is not None:
                 break
             if begun is not None:
@@ -105,7 +108,9 @@ def follow(
     return outcome, elapsed
 
 
-def _show(frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None]], faults: FaultLog) -> None:
+def _show(
+    frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None]], faults: FaultLog, lines: EventLines
+) -> None:
     """Show the new frames to the observers. If the frames are invalid or an observer fails, the machine continues to
     run, and the record has a gap."""
     try:
@@ -116,6 +121,7 @@ def _show(frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None
         for number, event in frames.events(faults.next):
             faults.next = number + 1
             faults.add(event)
+            lines.add(event)
     except Exception as error:
         say(f"the periods of this run are neither shown nor recorded any longer: {text_of(error)}")
         frame.whole = False

@@ -20,6 +20,7 @@ from umo.cycle.trace import Statistics, Trace
 from umo.errors import Interrupted, text_of
 from umo.exit_status import ExitStatus
 from umo.operation.alarms.alarming import alarm_log
+from umo.operation.commands.client_commands import Mode
 from umo.process import kept_values
 from umo.process.compiling import prepare_if_asked, start_compiled
 from umo.process.job import Job, Plan
@@ -32,6 +33,7 @@ from umo.system.signal_handling import SIGNALS, handling
 from umo.system.streams import limit_waits, lost_lines, send_waiting
 from umo_command.console import err, out, say
 from umo_command.progress_line import RunProgressLine
+from umo_command.run.event_lines import EventLines
 from umo_command.run.faces_beside import FacesBeside, faces_of, wiring_of
 from umo_command.run.follow import RingFrame, follow
 from umo_command.run.long_runs import RunningSummary, TraceParts, prune
@@ -156,16 +158,18 @@ def _run(
         optional = [each for each in (result.alarms, parts) if each is not None]
         kept = [] if folder is None else [trace]
         observers: list[Any] = [result.statistics, *kept, shown, *optional]
+        lines = EventLines(shown.note, Mode.MANUAL if plan.job.manual else Mode.AUTOMATIC)
         if not _has_processes(plan):
             with RecordedVirtual(order) as recorded:
-                _drive(plan, result, observers, recorded)
+                _drive(plan, result, observers, lines, recorded)
             return result, recorded.complete
         if folder is not None:
             observers.append(TraceFile(trace, folder.path / "trace.csv"))
             observers.append(RunningSummary(result, folder.path / "summary.json"))
         frame = RingFrame(plan.machine)
         beside, recorder = FacesBeside(wiring_of(plan), faces), RecordBeside(order)
-        result.outcome, result.elapsed = follow(plan.job, frame, observers, result.equipment_faults, beside, recorder)
+        faults = result.equipment_faults
+        result.outcome, result.elapsed = follow(plan.job, frame, observers, faults, lines, beside, recorder)
         result.progress = frame.progress
         if folder is not None:
             folder.complete = frame.whole
@@ -208,7 +212,7 @@ def _recording(plan: Plan, record: Record, folder: RunFolder | None) -> RecordOr
     return order_of(given, record.recording_settings, plan.wired.record, default, wiring_of(plan))
 
 
-def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: RecordedVirtual) -> None:
+def _drive(plan: Plan, result: RunSummary, observers: list[Any], lines: EventLines, recorded: RecordedVirtual) -> None:
     """Carry out the run in this process. An error is stored in the result. The actuators are reset before this function
     returns."""
     plan.prepared = prepare_if_asked(plan.machine, plan.wired, say)
@@ -221,7 +225,12 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
             for text in kept_values.tell(connection):
                 say(text)
             events, faults = connection.machine.events, result.equipment_faults
-            connection.machine.observers += [*observers, lambda frame: faults.add_new(events)]
+
+            def add_events(frame: object = None) -> None:
+                for event in faults.add_new(events):
+                    lines.add(event)
+
+            connection.machine.observers += [*observers, add_events]
             if plan.job.until is not None:
                 connection.machine.observers.append(TimeLimit(plan.job.until, connection.stop))
             if not plan.wired.realtime:
@@ -234,7 +243,8 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
                 result.elapsed = time.perf_counter() - begun
                 outcome.simulated = machine.now
                 result.progress = connection.machine.progress
-                faults.add_new(events)
+                add_events()
+                lines.look(is_over=True)
                 outcome.driven = connection.started
                 outcome.stopped_by = connection.stop.signal
                 outcome.time_over = connection.stop.time_over and outcome.stopped_by is None

@@ -26,7 +26,7 @@ from helpers.patient import conveyor
 from helpers.waiting import until
 from umo import Compound, DigitalSensor, Number, Vector, connect, published
 from umo.clients.remote import RemoteStation
-from umo.errors import FramesError, PathError, RangeError
+from umo.errors import DeclarationError, FramesError, PathError, RangeError
 from umo.operation.commands.client_commands import Mode
 from umo.operation.commands.client_control import ClientControl
 from umo.process.frames import Reader, blackbox
@@ -210,6 +210,17 @@ def test_nothing_that_a_table_meets_raises(monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.setattr(type(m._machine), "facts", lambda self: 1 / 0)
         shown = m._repr_html_()
         assert shown.startswith("<div><b>Bench</b> cannot be shown: ZeroDivisionError: division by zero (")
+
+
+def test_an_object_of_an_attached_station_is_read_in_another_unit_like_that_of_the_machine() -> None:
+    with running() as (m, station):
+        assert station.encoder.read_in("cm") == m.encoder.read_in("cm") == m.encoder.read() / 10
+        assert station.encoder.read_in("mm") == station.encoder.read()
+        for encoder in (station.encoder, m.encoder):
+            with pytest.raises(DeclarationError, match="'mm' cannot be converted to 'V'"):
+                encoder.read_in("V")
+        with pytest.raises(RangeError, match="valve has states, so it has no unit"):
+            station.valve.read_in("mm")
 
 
 # Running stations and black boxes -----------------------------------------------------------------------

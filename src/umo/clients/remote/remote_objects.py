@@ -129,15 +129,22 @@ class RemoteObject:
             raise PathError(f"{self.path} has not been read yet: no period has ended")
         return frame
 
-    def read(self, unit: str | None = None) -> float | str:
-        """Return a number in `unit` (default: the unit of the object), or the name of a state. If the object was not
-        read yet, a number is NaN, and a state raises BadInput."""
+    def read(self) -> float | str:
+        """Return a number in the unit of the object, or the name of a state. If the object was not read yet, a number
+        is NaN, and a state raises BadInput."""
         value = float(self._frame()["values"][self._number])
         if self._about.is_number:
-            return value if unit is None else convert(value, self.units, unit)
+            return value
         if isnan(value):
             raise BadInput(self.path, Quality.BAD, why="it was never read")
         return self._about.state(value)
+
+    def read_in(self, unit: str) -> float:
+        """Return the result of `read()` in another unit of the same dimension. Raises DeclarationError for a unit of
+        another dimension, RangeError for an object that has states."""
+        if not self._about.is_number:
+            raise RangeError(f"{self.path} has states, so it has no unit: use read()")
+        return convert(float(self.read()), self.units, unit)
 
     @property
     def raw(self) -> int:
