@@ -20,7 +20,7 @@ OF_ABSTRACT_CLASSES = "_abc_impl", "__abstractmethods__"
 
 def _references() -> int:
     names: dict[str, Any] = {"name": []}
-    value = names.pop("name", None)
+    value = names.get("name")
     return sys.getrefcount(value)
 
 
@@ -406,17 +406,13 @@ def _metaclass(kind: type) -> Any:
 def is_shared(names: dict[str, Any], name: str) -> bool:
     """True if a list or an array has references other than these names, or is a view of an array that has such
     references."""
-    value = names.pop(name, None)
-    try:
-        if not isinstance(value, list | np.ndarray):
-            return False
-        base = getattr(value, "base", None)
-        return sys.getrefcount(value) > REFERENCES_OF_ONE_NAME or (
-            base is not None and sys.getrefcount(base) > REFERENCES_OF_ONE_NAME + 1
-        )
-    finally:
-        if value is not None:
-            names[name] = value
+    value = names.get(name)
+    if not isinstance(value, list | np.ndarray):
+        return False
+    base = getattr(value, "base", None)
+    return sys.getrefcount(value) > REFERENCES_OF_ONE_NAME or (
+        base is not None and sys.getrefcount(base) > REFERENCES_OF_ONE_NAME
+    )
 
 
 def _of_number(view: Any) -> tuple[Get, Set]:

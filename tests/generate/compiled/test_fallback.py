@@ -148,6 +148,39 @@ class Typed(Pump):
 ANYTHING = [0, 0.0, -0.0, 3, 1.5, True, 2**31, 2**53, 2**53 + 1, np.float64(2.0), np.int64(0), np.True_, None]
 
 
+class Overridden(Pump):
+    """Its override is None at first, where its class has a number."""
+
+    override: float | None = 9.0
+
+    def setup(self) -> None:
+        super().setup()
+        self.override = None
+
+    def control(self) -> None:
+        self.motor.write(self.gain if self.override is None else self.override)
+
+
+class Wanted(Pump):
+    """What it wants is None at first, and no attribute of its class."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.wanted: float | None = None
+
+    def control(self) -> None:
+        self.motor.write(self.gain if self.wanted is None else self.wanted)
+
+
+@pytest.mark.parametrize(("kind", "name"), [(Overridden, "override"), (Wanted, "wanted")])
+def test_an_attribute_that_is_none_is_so_when_python_runs_the_laws_again(kind: type[Pump], name: str) -> None:
+    with running(pump(kind)) as run:
+        run.m.gain = 3
+        run.step()
+        assert run.laws.state == "python"
+        assert (getattr(run.m, name), run.m.motor.pending) == (None, 3.0)
+
+
 @pytest.mark.parametrize("name", ["real", "whole", "flag", "pair", "reals", "wholes", "pairs", "array", "counts"])
 @pytest.mark.parametrize("value", first(5, ANYTHING))
 def test_what_is_set_is_computed_with_as_in_python_or_gives_the_laws_back(name: str, value: Any) -> None:

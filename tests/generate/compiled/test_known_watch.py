@@ -250,7 +250,15 @@ def test_a_list_of_one_name_is_not_shared_however_this_python_counts_references(
     monkeypatch.setattr(sys, "getrefcount", lambda value: count(value) - 1 + more)  # this call has one of its own
     monkeypatch.setattr(bound_fields, "REFERENCES_OF_ONE_NAME", bound_fields._references())
     other: list[float] = []
-    names: dict[str, Any] = {"alone": [1.0], "shared": other, "array": np.zeros(2), "part": np.zeros(4)[1:]}
+    names: dict[str, Any] = {
+        "alone": [1.0],
+        "shared": other,
+        "array": np.zeros(2),
+        "part": np.zeros(4)[1:],
+        "none": None,
+    }
+    before = repr(names)
     assert [name for name in list(names) if bound_fields.is_shared(names, name)] == ["shared"]
+    assert repr(names) == before
     whole = np.zeros(4)
     assert bound_fields.is_shared({"part": whole[1:]}, "part")
