@@ -195,7 +195,7 @@ def test_a_trace_that_is_written_as_it_comes_has_rows_of_the_whole_run(tank: Pat
     trace = traced(tank, tmp_path / "live.csv", 401, rows)
     written = list(csv.reader((tmp_path / "live.csv").read_text().splitlines()))
     times = [float(row[0]) for row in written[1:]]
-    assert written[0] == trace.columns
+    assert written[0] == [*trace.columns, "not_good"]
     assert times == sorted(set(times))
     assert times[0] == pytest.approx(0.05)
     assert times[-1] >= 20.05 - 1.1 - 0.05 * trace.stride  # it is written every second

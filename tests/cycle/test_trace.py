@@ -65,6 +65,23 @@ def test_a_value_that_was_bad_is_none() -> None:
     assert trace.rows[:, trace.place(m.pressure)].tolist() == pytest.approx([3.0, math.nan], nan_ok=True)
 
 
+def test_each_row_of_the_file_names_its_values_that_are_not_good(tmp_path: Path) -> None:
+    trace, connection = Trace(rows=4), connect(press())
+    with connection as m:
+        connection.machine.observers.append(trace)
+        for number in range(7):
+            m.timer.read()
+            m.sample()
+            quality = connection.image.quality
+            quality[connection.image.slot_of[id(m.pressure)]] = Quality.STALE if number % 4 == 2 else Quality.GOOD
+            quality[connection.image.slot_of[id(m.valve)]] = Quality.BAD if number == 6 else Quality.GOOD
+            m.update()
+    trace.save(tmp_path / "trace.csv")
+    with (tmp_path / "trace.csv").open() as file:
+        told = [row["not_good"] for row in csv.DictReader(file)]
+    assert (trace.stride, told) == (2, ["", "pressure=STALE", "", "pressure=STALE valve=BAD"])
+
+
 def test_a_row_a_period_with_a_column_for_each_object(tmp_path: Path) -> None:
     trace = Trace()
     recorded(trace, Statistics(), 3)
@@ -78,6 +95,7 @@ def test_a_row_a_period_with_a_column_for_each_object(tmp_path: Path) -> None:
         "timer[sampling_period]",
         "valve[ON=1]",
         "pressure[bar]",
+        "not_good",
     }
     assert [row["time_s"] for row in rows] == ["0.01", "0.02", "0.03"]
     assert [row["pressure[bar]"] for row in rows] == ["0", "1", "2"]
@@ -167,8 +185,8 @@ def test_a_trace_of_many_objects_is_bounded_in_bytes_and_grows_as_it_is_filled(m
         assert most / 2 < tracemalloc.get_traced_memory()[1] < most * 1.05
     finally:
         tracemalloc.stop()
-    assert trace.stride == 8
-    assert trace.rows[:, 0].tolist() == list(range(0, 1000, 8))
+    assert trace.stride == 16
+    assert trace.rows[:, 0].tolist() == list(range(0, 1000, 16))
     assert trace.rows[:, 1].sum() == 1000
 
 

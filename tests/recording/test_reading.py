@@ -75,11 +75,28 @@ def test_csv_has_the_numbers_of_the_frames(recorded: Path, tmp_path: Path) -> No
     assert written(recorded, target, "part0", start=0.05, stop=0.25) == 193
     head, *rows = csv.reader(target.read_text().splitlines())
     only = [path for path in PATHS if path.startswith("part0")]
-    assert head[4:] == ["part0.object0[mm]", "part0.object2[mm]", "part0.signal0[s]", "part0.signal1[s]"]
+    assert head[4:] == ["part0.object0[mm]", "part0.object2[mm]", "part0.signal0[s]", "part0.signal1[s]", "not_good"]
     times, values = numbers(recorded, *only, start=0.05, stop=0.25)
     assert [float(row[0]) for row in rows] == pytest.approx(times.tolist())
-    assert np.array_equal(np.array([row[4:] for row in rows], float), values, equal_nan=True)
+    assert np.array_equal(np.array([row[4:-1] for row in rows], float), values, equal_nan=True)
+    with Recording(recorded) as recording:
+        qualities = np.concatenate([block.frames["quality"] for block in recording.blocks()])[50:243, :2]
+    assert [row[-1] == "" for row in rows] == [not each.any() for each in qualities]
+    assert {row[-1] for row in rows} >= {"", "part0.object0=BAD"}
     assert all(row[1].startswith("2023-11-14T") and row[1].endswith("Z") for row in rows)
+
+
+def test_good_values_are_those_of_good_quality(recorded: Path) -> None:
+    with Recording(recorded) as recording:
+        values = RecordedValues(recording, ["part0.object2", "part0.signal0", "part0.object0"])
+        for frames, _ in values.parts():
+            good, every = values.good(frames), values.of(frames)
+            assert np.array_equal(np.isnan(good), np.isnan(every) | (_qualities(frames, values) != 0))
+
+
+def _qualities(frames: np.ndarray, values: RecordedValues) -> np.ndarray:
+    none = np.zeros(len(frames), np.uint8)
+    return np.column_stack([frames["quality"][:, each] if each in values.objects else none for each in values.places])
 
 
 def test_npz_has_the_numbers_of_the_frames(recorded: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from umo.cycle.frame import Frame, Signal
 from umo.objects import Atomic, Quality
 from umo.objects.description import described
 from umo.objects.presentation.described import column_heading
+from umo.objects.quality import NOT_GOOD, told_not_good
 
 MAX_ROWS = 100_000
 """Largest number of rows of a trace."""
@@ -49,15 +50,16 @@ class Statistics:
 
 class Trace:
     """The trace of a run, with a row per period: time in s, missed, execution time in us, then the values of the
-    objects and of the signals. NaN stands for a BAD value, and for a signal without a value. When the rows are full,
-    every second row is dropped, and from then on only every second period is kept. This is repeated, so that the trace
-    covers the whole run. The number of rows is the requested one, or smaller if the rows would take more than
-    `MAX_BYTES` bytes.
+    objects and of the signals. NaN stands for a BAD value, and for a signal without a value. `qualities` has a row for
+    each of these rows. When the rows are full, every second row is dropped, and from then on only every second period
+    is kept. This is repeated, so that the trace covers the whole run. The number of rows is the requested one, or
+    smaller if the rows would take more than `MAX_BYTES` bytes.
     """
 
     def __init__(self, rows: int = MAX_ROWS) -> None:
         self._capacity = rows
         self._rows: npt.NDArray[np.float64] | None = None
+        self._qualities: npt.NDArray[np.uint8] = np.empty((0, 0), np.uint8)
         self._used = 0
         self._periods = 0
         self.items: list[Atomic] = []
@@ -83,17 +85,26 @@ class Trace:
         row[0], row[1], row[2] = frame.time, frame.missed, frame.execution * 1e6
         values = row[3 : 3 + len(self.items)]
         values[:] = frame.values
+        self._qualities[self._used] = frame.quality
         if Quality.BAD in frame.quality.tobytes():  # quicker than a comparison of arrays
-            values[np.asarray(frame.quality) == Quality.BAD] = np.nan
+            values[self._qualities[self._used] == Quality.BAD] = np.nan
         row[3 + len(self.items) :] = frame.signal_values
         self._used += 1
 
     def _begin(self, frame: Frame) -> npt.NDArray[np.float64]:
         self.items, self.signals = list(frame.items), frame.signals
         columns = 3 + len(self.items) + len(self.signals)
-        affordable = MAX_BYTES * 2 // 3 // (columns * 8)  # all rows and half as many again, which is the copy
+        affordable = MAX_BYTES * 2 // 3 // (columns * 8 + len(self.items))  # half as many again are the copy
         self._capacity = max(2, min(self._capacity, affordable))
-        self._rows = np.empty((max(1, self._capacity >> HALVINGS), columns))
+        return self._take(max(1, self._capacity >> HALVINGS), columns)
+
+    def _take(self, count: int, columns: int) -> npt.NDArray[np.float64]:
+        """Use memory for `count` rows from now on, with the rows kept so far."""
+        before, qualities = self.rows, self.qualities
+        self._rows = np.empty((count, columns))
+        self._qualities = np.empty((count, len(self.items)), np.uint8)
+        if self._used:
+            self._rows[: self._used], self._qualities[: self._used] = before, qualities
         return self._rows
 
     def _grow(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -101,16 +112,15 @@ class Trace:
         halvings = HALVINGS
         while self._capacity >> halvings <= len(rows):
             halvings -= 1
-        self._rows = np.empty((self._capacity >> halvings, rows.shape[1]))
-        self._rows[: len(rows)] = rows
-        return self._rows
+        return self._take(self._capacity >> halvings, rows.shape[1])
 
     def _thin(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         kept = rows[: self._used : 2].copy()
         dropped = rows[1 : self._used : 2, 1]
         kept[: len(dropped), 1] += dropped
+        qualities = self._qualities[: self._used : 2].copy()
         self._used = len(kept)
-        rows[: self._used] = kept
+        rows[: self._used], self._qualities[: self._used] = kept, qualities
         self.stride *= 2
         return rows
 
@@ -131,10 +141,15 @@ class Trace:
         return np.empty((0, 3)) if self._rows is None else self._rows[: self._used]
 
     @property
+    def qualities(self) -> npt.NDArray[np.uint8]:
+        """The qualities of the rows kept, as numbers of `Quality`, of shape (n, objects)."""
+        return self._qualities[: self._used]
+
+    @property
     def columns(self) -> list[str]:
         """The names of the columns: `time_s`, `missed`, `execution_us`, then the path of each object with its unit, or
         with the names of its states and their numbers (for a binary object, with its state 1); then the signals in the
-        same form."""
+        same form. In a file `not_good` is the last one."""
         signals = [column_heading(signal.path, signal.unit, signal.states) for signal in self.signals]
         return ["time_s", "missed", "execution_us", *(described(item).heading for item in self.items), *signals]
 
@@ -155,14 +170,15 @@ def lines(trace: Trace, after: float | None = None) -> Iterator[str]:
     the rows later than this time in s."""
     text = StringIO(newline="")
     writer = csv.writer(text)
-    rows = trace.rows
+    first = 0
     if after is None:
-        writer.writerow(trace.columns)
+        writer.writerow([*trace.columns, NOT_GOOD])
         yield text.getvalue()
     else:
-        rows = rows[np.searchsorted(rows[:, 0], after, side="right") :]
+        first = int(np.searchsorted(trace.rows[:, 0], after, side="right"))
     forms = ["{}", "{:.0f}", "{:.3f}", *(described(item).file_form for item in trace.items)]
-    form = ",".join([*forms, *(["{}"] * len(trace.signals))]) + "\r\n"
-    for row in rows:
+    form = ",".join([*forms, *(["{}"] * len(trace.signals)), "{}"]) + "\r\n"
+    not_good = told_not_good([item.path for item in trace.items], trace.qualities[first:])
+    for row, told in zip(trace.rows[first:], not_good, strict=True):
         time, *others = row.tolist()
-        yield form.format(round(time, 9), *others)  # the clock counts ns
+        yield form.format(round(time, 9), *others, told)  # the clock counts ns

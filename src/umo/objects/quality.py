@@ -1,6 +1,9 @@
 """The quality of a value, as in OPC and BACnet."""
 
+from collections.abc import Iterator, Sequence
 from enum import IntEnum
+from itertools import repeat
+from typing import Any
 
 
 class Quality(IntEnum):
@@ -24,3 +27,18 @@ class Quality(IntEnum):
 
 QUALITIES = tuple(Quality)
 """The qualities, by their numbers. A lookup here takes a fifth of the time of `Quality(number)`."""
+NOT_GOOD = "not_good"
+"""The name of the column of a table in which each row names its values that are not GOOD."""
+
+
+def told_not_good(paths: Sequence[str], qualities: Any) -> Iterator[str]:
+    """Return a text for each row of `qualities`, an array of their numbers with a column for each path: the values that
+    are not GOOD, such as `level=STALE flow=BAD`; "" if all are GOOD."""
+    if not qualities.any():
+        return repeat("", len(qualities))
+    return (" ".join(f"{paths[place]}={QUALITIES[row[place]]}" for place in row.nonzero()[0]) for row in qualities)
+
+
+def is_good(told: str, path: str) -> bool:
+    """Return True if such a text does not name this path."""
+    return not any(each.startswith(f"{path}=") for each in told.split())

@@ -10,6 +10,7 @@ import numpy as np
 
 from umo.commissioning.tuning.measured_response import MeasuredResponse
 from umo.errors import OptionError, PathError
+from umo.objects.quality import NOT_GOOD, is_good
 from umo.objects.scaling import FloatArray
 from umo.system.packages import how_to_install
 from umo.text import did_you_mean
@@ -21,9 +22,9 @@ TIME = "time_s"
 def recorded_response(
     file: Path, columns: Sequence[str], start: float | None = None, stop: float | None = None
 ) -> MeasuredResponse:
-    """Return the response between these times in s, from these columns (`LawFacts.columns`). Raises OptionError if the
-    file cannot be read. Raises PathError for an object that the file does not contain. Raises RangeError if there are
-    too few samples."""
+    """Return the response between these times in s, from these columns (`LawFacts.columns`). Samples with a value that
+    is not GOOD are left out. Raises OptionError if the file cannot be read. Raises PathError for an object that the
+    file does not contain. Raises RangeError if there are too few samples."""
     if not file.is_file():
         raise OptionError(f"--file {file}: {'is a folder' if file.is_dir() else 'there is no such file'}")
     low, high = -np.inf if start is None else start, np.inf if stop is None else stop
@@ -41,7 +42,12 @@ def _of_trace(file: Path, paths: Sequence[str]) -> FloatArray:
             if TIME not in columns:
                 raise OptionError(f"--file {file}: the file is not a trace of a run: it has no column {TIME}")
             places = [columns[TIME], *(_place(columns, each, file) for each in paths)]
-            rows = [[row[place] for place in places] for row in csv.reader(lines) if len(row) == len(heads)]
+            marks = columns.get(NOT_GOOD)
+            rows = [
+                [row[place] for place in places]
+                for row in csv.reader(lines)
+                if len(row) == len(heads) and (marks is None or all(is_good(row[marks], each) for each in paths))
+            ]
             return np.array(rows, np.float64).reshape(-1, len(places))
     except (OSError, UnicodeError, ValueError, csv.Error) as error:
         raise OptionError(f"--file {file}: the file cannot be read: {error}") from None
@@ -61,5 +67,5 @@ def _of_recording(file: Path, paths: Sequence[str], start: float, stop: float) -
         raise OptionError(f"a recording needs mcap: {how_to_install('record')}") from None
     with Recording(file) as recording:
         values = RecordedValues(recording, paths, start, float(np.nextafter(stop, np.inf)))
-        rows = [np.column_stack([frames["time"], values.of(frames)]) for frames, _ in values.parts()]
+        rows = [np.column_stack([frames["time"], values.good(frames)]) for frames, _ in values.parts()]
     return np.concatenate([np.empty((0, 1 + len(paths))), *rows])

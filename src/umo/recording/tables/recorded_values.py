@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from umo.errors import RangeError
+from umo.objects.quality import Quality
 from umo.objects.scaling import FloatArray
 from umo.process.frames.layout import Layout
 from umo.process.frames.run_reader import Frames
@@ -112,7 +113,19 @@ class RecordedValues:
 
     @property
     def quality_names(self) -> list[str]:
-        return [f"{self.layout.objects[place]['path']}.quality" for place in self.objects]
+        return [f"{path}.quality" for path in self.object_paths]
+
+    @property
+    def object_paths(self) -> list[str]:
+        """The paths of the chosen objects."""
+        return [self.layout.objects[place]["path"] for place in self.objects]
+
+    def good(self, frames: Frames) -> FloatArray:
+        """Return the values like `of`, with NaN also for each value that is not GOOD."""
+        values = self.of(frames)
+        for place in self.objects:
+            values[frames["quality"][:, place] != Quality.GOOD, self.places.index(place)] = np.nan
+        return values
 
     def columns(self, frames: Frames) -> RecordedColumns:
         """Return the columns of some frames that every export contains."""

@@ -14,6 +14,7 @@ from typing import IO, Any
 import numpy as np
 
 from umo.errors import FramesError, OptionError
+from umo.objects.quality import NOT_GOOD, told_not_good
 from umo.recording.tables.recorded_values import RecordedValues, TellTime
 from umo.system.folders import replaced
 from umo.text import reason_of
@@ -52,10 +53,10 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _write_csv(values: RecordedValues, file: Path, progress: TellTime) -> int:
-    forms = ["{}", "{}", "{}", "{:.3f}", *(each.file_form if each.is_object else "{}" for each in values.entries)]
+    forms = ["{}", "{}", "{}", "{:.3f}", *(each.file_form if each.is_object else "{}" for each in values.entries), "{}"]
     form, count = ",".join(forms) + "\r\n", 0
     with file.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
-        csv.writer(stream).writerow([*BEFORE, *(each.heading for each in values.entries)])
+        csv.writer(stream).writerow([*BEFORE, *(each.heading for each in values.entries), NOT_GOOD])
         for frames, _ in values.parts():
             for first in range(0, len(frames), PIECE_ROWS):
                 _write_rows(values, frames[first : first + PIECE_ROWS], form, stream)
@@ -67,10 +68,11 @@ def _write_csv(values: RecordedValues, file: Path, progress: TellTime) -> int:
 def _write_rows(values: RecordedValues, frames: Any, form: str, stream: IO[str]) -> None:
     columns = values.columns(frames)
     moments = np.datetime_as_string(columns.utc.astype("datetime64[ns]"))
+    not_good = told_not_good(values.object_paths, columns.quality)
     told = (columns.time, moments, columns.missed, columns.execution, columns.values)
     stream.writelines(
-        form.format(round(time, 9), f"{moment}Z", late, spent, *row)  # the clock counts ns
-        for time, moment, late, spent, row in zip(*(each.tolist() for each in told), strict=True)
+        form.format(round(time, 9), f"{moment}Z", late, spent, *row, marks)  # the clock counts ns
+        for time, moment, late, spent, row, marks in zip(*(each.tolist() for each in told), not_good, strict=True)
     )
 
 
