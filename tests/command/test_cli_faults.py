@@ -28,7 +28,7 @@ def test_a_run_with_a_fault_says_so(umo, tmp_path):
     faults = ["sorter.belt.speed stuck at 1 s", "sorter.entry noise 0 % at 1 s"]
     assert json.loads((tmp_path / "s.json").read_text())["injected_faults"] == faults
     (folder,) = (tmp_path / "runs").iterdir()
-    assert (folder / "trace.csv").read_text().splitlines()[0].endswith(",injected_faults[]")
+    assert (folder / "trace.csv").read_text().splitlines()[0].endswith(",injected_faults[],not_good")
 
 
 def test_the_faults_of_a_wiring_are_checked(umo, tmp_path: Path):

@@ -13,14 +13,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from typer.testing import Result
 
 from umo import connect
 from umo.cycle.stopping import StopFlag
-from umo.cycle.trace import Trace, lines
+from umo.cycle.trace import Statistics, Trace, lines
+from umo.process.outcome import Outcome
 from umo.testing import periods, station
 from umo_command.run import plot
-from umo_command.run.run_folder import TraceFile, rows
+from umo_command.run.run_folder import RunSummary, TraceFile, rows
 
 Umo = Callable[..., Result]
 
@@ -334,3 +336,16 @@ def test_a_run_in_which_nothing_changes_is_told_with_the_place_where_it_waits(um
     assert "the application waits at tank/application.py:5 in main" in said(result)
     result = umo("run", "tank", "--leak", "0.01", "--until", "20 min", "--no-record")
     assert "nothing has changed" not in said(result)
+
+
+def test_a_fault_whose_time_did_not_come_is_told_as_one_that_did_not_begin() -> None:
+    result = RunSummary(Statistics(), Outcome(simulated=2.0), injected=["z stuck at 5 s", "z noise at 1 s"])
+    summary = result.summary()
+    assert summary["injected_faults"] == ["z stuck at 5 s", "z noise at 1 s"]
+    assert summary["injected_faults_not_begun"] == ["z stuck at 5 s"]
+    assert "injected_faults_not_begun" not in result.summary(running=True)
+    console = Console(record=True, width=120)
+    console.print(result.table("run"))
+    text = console.export_text()
+    assert "z stuck at 5 s: it did not begin, as the run ended at 2 s" in text
+    assert "z noise at 1 s " in text and "2 s in real time" in text

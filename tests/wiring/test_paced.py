@@ -196,9 +196,9 @@ def quick_tank(tank: Path) -> Path:
     return tank
 
 
-def factor(folder: Path) -> float:
-    """Simulated time over wall-clock time of a run."""
-    found: float = json.loads((folder / "summary.json").read_text())["realtime_factor"]
+def factor(folder: Path) -> float | None:
+    """Simulated time over wall-clock time of a run; None in real time."""
+    found: float | None = json.loads((folder / "summary.json").read_text())["realtime_factor"]
     return found
 
 
@@ -207,11 +207,11 @@ def factor(folder: Path) -> float:
 def test_a_new_station_runs_in_wall_clock_time_if_asked_to(umo: Callable[..., Result], quick_tank: Path) -> None:
     result = umo("run", "tank", "--target", "35", "--summary", "summary.json")
     assert result.exit_code == 0
-    assert factor(quick_tank.parent) > 2
+    assert (factor(quick_tank.parent) or 0.0) > 2
     result = umo("run", "tank", "--target", "35", "--realtime", "--summary", "summary.json")
     assert result.exit_code == 0, result.stderr
     assert "--realtime" not in result.stderr
-    assert factor(quick_tank.parent) < 1.1
+    assert factor(quick_tank.parent) is None
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time is Linux's")

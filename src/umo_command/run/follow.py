@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -65,21 +64,21 @@ def follow(
     lines: EventLines,
     faces: FacesBeside,
     recorder: RecordBeside,
-) -> tuple[Outcome, float]:
-    """Start the job, and show every frame to the observers until the job ends. Return the outcome of the job, and the
-    time in s that it ran. Faults of equipment are added to `faults`, and all events to `lines`. `faces` are served
-    while the job runs, and end after it. The recorder begins before the job."""
+) -> Outcome:
+    """Start the job, and show every frame to the observers until the job ends. Return the outcome of the job. Faults
+    of equipment are added to `faults`, and all events to `lines`. `faces` are served while the job runs, and end after
+    it. The recorder begins before the job."""
 
     def stop(number: int, frame: object) -> None:
         faces.is_ending = True
         started.ask_to_stop(number)
 
     with without_waiting(), faces, recorder, Started(job, is_service=True) as started, handling(stop, SIGNALS):
-        told, begun, lost = 0, None, 0
+        told, lost, is_attached = 0, 0, False
         while True:
             outcome = started.outcome
-            if begun is None and started.frames is not None:
-                begun = time.perf_counter()
+            if not is_attached and started.frames is not None:
+                is_attached = True
                 recorder.attach(started.frames)
                 frame.order(started.frames)
                 _name_other_runs(started)
@@ -94,18 +93,17 @@ def follow(
             lines.look(is_over=outcome is not None)
             if outcome is not None:
                 break
-            if begun is not None:
+            if is_attached:
                 faces.look(started.pid, job.path)
             recorder.look()
             started.poll(POLL_TIMEOUT)
-        elapsed = 0.0 if begun is None else time.perf_counter() - begun
-    if outcome.driven and begun is None:  # the frames had no memory or no folder
+    if outcome.driven and not is_attached:  # the frames had no memory or no folder
         frame.whole = False
     if outcome.unsafe:  # the control process could not report this time any more
         outcome.simulated = frame.time
     if lost:
         say(f"{lost} periods came too fast to be written to the trace")
-    return outcome, elapsed
+    return outcome
 
 
 def _show(

@@ -26,6 +26,7 @@ from umo.cycle.frame import Frame
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace, lines
 from umo.digits import NO_VALUE, number_text, with_short_numbers
+from umo.drivers.faults.fault_syntax import InjectedFault
 from umo.duration import duration
 from umo.errors import UmoError, text_of
 from umo.objects.presentation.run_facts import clock_text
@@ -58,7 +59,7 @@ class RunSummary:
     progress: Progress = field(default_factory=Progress)
     """Last progress that the machine reported."""
     elapsed: float = 0.0
-    """Wall-clock duration of the run in s."""
+    """Wall-clock duration in s of a run in virtual time; 0 in real time."""
     injected: Sequence[str] = ()
     """Faults that were injected on purpose."""
     equipment_faults: FaultLog = field(default_factory=FaultLog)
@@ -67,6 +68,7 @@ class RunSummary:
 
     @property
     def realtime_factor(self) -> float | None:
+        """How many times faster than the clock the run was; None in real time."""
         return self.outcome.simulated / self.elapsed if self.elapsed and self.statistics.periods else None
 
     @property
@@ -75,10 +77,17 @@ class RunSummary:
         failure = self.outcome.failure
         return "" if failure is None else failure.message.partition("\n")[0]
 
+    @property
+    def not_begun(self) -> list[str]:
+        """The injected faults whose time had not come when the run ended."""
+        return [each for each in self.injected if float(InjectedFault.parse(each).at) > self.outcome.simulated]
+
     def summary(self, *, running: bool = False) -> dict[str, Any]:
         """Return the summary as plain data. This is also possible during the run."""
         statistics = self.statistics
         optional: dict[str, Any] = {"injected_faults": list(self.injected)} if self.injected else {}
+        if not running and (not_begun := self.not_begun):
+            optional["injected_faults_not_begun"] = not_begun
         if mistakes := self.equipment_faults.mistakes:
             optional["mistakes"] = [asdict(each) for each in mistakes]
         return optional | {
@@ -106,7 +115,8 @@ class RunSummary:
     def table(self, title: str) -> Table:
         table = Table(title=title, title_justify="left", show_header=False)
         for fault in self.injected:
-            table.add_row("injected fault", fault)
+            end = f": it did not begin, as the run ended at {self.outcome.simulated:g} s"
+            table.add_row("injected fault", fault + (end if fault in self.not_begun else ""))
         if self.progress.total:
             table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
         for name, value in (*self._fault_rows(), *self._alarm_rows(), *self._mistake_rows()):
@@ -116,9 +126,10 @@ class RunSummary:
         table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}{why}")
         median, p99 = (NO_VALUE if us is None else duration(us * 1e-6) for us in map(statistics.percentile, (50, 99)))
         table.add_row("execution time of a period", f"median {median}, p99 {p99}")
-        factor = NO_VALUE if self.realtime_factor is None else number_text(self.realtime_factor)
-        took = f"{duration(self.outcome.simulated)} in {duration(self.elapsed)}"
-        table.add_row("time", f"{took}, {factor} x real time")
+        took = "real time"
+        if (factor := self.realtime_factor) is not None:
+            took = f"{duration(self.elapsed)}, {number_text(factor)} x real time"
+        table.add_row("time", f"{duration(self.outcome.simulated)} in {took}")
         for driver, report in self.outcome.reports.items():
             for name, value in rows("report", report):
                 table.add_row(f"{driver}: {name}", value)

@@ -169,7 +169,7 @@ def _run(
         frame = RingFrame(plan.machine)
         beside, recorder = FacesBeside(wiring_of(plan), faces), RecordBeside(order)
         faults = result.equipment_faults
-        result.outcome, result.elapsed = follow(plan.job, frame, observers, faults, lines, beside, recorder)
+        result.outcome = follow(plan.job, frame, observers, faults, lines, beside, recorder)
         result.progress = frame.progress
         if folder is not None:
             folder.complete = frame.whole
