@@ -153,6 +153,14 @@ def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypa
         assert f"recorded: run.mcap ({len(recording.frames())} periods" in told and len(recording.frames()) > 100
 
 
+def test_a_disk_that_is_full_at_once_leaves_no_file_and_says_so(umo: Umo, monkeypatch: pytest.MonkeyPatch) -> None:
+    limit_files(monkeypatch, 30_000)
+    result = umo("run", "conveyor", "--until", "1", "--no-record", "--record", "run.mcap")
+    told = result.stderr.replace("\n", " ")
+    assert "nothing was recorded: run.mcap has no complete block, and is removed" in told
+    assert result.exit_code == 4 and not Path("run.mcap").exists()
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("room", [10_000, 45_000])
 def test_what_a_flight_recorder_has_stays_when_its_disk_is_full(

@@ -74,9 +74,10 @@ def test_all_mistakes_are_told_at_once_and_what_is_right_is_taken() -> None:
     assert [key for key, _ in mistakes] == ["rate", "wy"]
 
 
-def test_a_mistake_of_a_file_has_its_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])  # Windows may begin a file with a mark
+def test_a_mistake_of_a_file_has_its_line(tmp_path: Path, encoding: str) -> None:
     file = tmp_path / "x.toml"
-    file.write_text("# a comment\ncores = 2\n\n[bands]\nz = 1\ny = 20\n")
+    file.write_text("# a comment\ncores = 2\n\n[bands]\nz = 1\ny = 20\n", encoding=encoding)
     with pytest.raises(SettingsError) as caught:
         read_settings(Table, file)
     assert str(caught.value) == f"{file}:6: bands.y: must be a number from 0 to 9, not 20"

@@ -80,6 +80,12 @@ def test_a_wiring_that_fits_has_no_faults():
     assert faults(bench(), None) == []
 
 
+def test_a_file_may_begin_with_the_mark_of_windows(tmp_path: Path):
+    file = tmp_path / "wiring.toml"
+    file.write_text('[wire.moter]\ndriver = "simulated"\n', encoding="utf-8-sig")
+    assert ('wire."moter"', "the machine has no such object (did you mean 'motor'?)") in faults(bench(), file)
+
+
 def test_a_line_for_an_unknown_object_names_the_nearest():
     key, message = one_fault(bench(), simulated(bench(), moter={}))
     assert key == 'wire."moter"'

@@ -153,7 +153,7 @@ def _load(file: Path) -> tuple[str, dict[str, Any]]:
             raw = stream.read(MAX_FILE + 1)
         if len(raw) > MAX_FILE:
             raise ValueError(f"it has more than {MAX_FILE} bytes")
-        text = raw.decode()
+        text = raw.decode("utf-8-sig")  # Windows may begin it with a mark
         return text, tomllib.loads(text)
     except FileNotFoundError:
         message = "no such file"

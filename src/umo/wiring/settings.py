@@ -201,7 +201,7 @@ def _mistake(file: str, key: str, text: str, lines: Mapping[str, int]) -> Mistak
 
 def _lines_of(file: Path) -> Mapping[str, int]:
     try:
-        return lines_of(file.read_text(encoding="utf-8")) if file.is_file() else {}
+        return lines_of(file.read_text(encoding="utf-8-sig")) if file.is_file() else {}
     except (OSError, ValueError):
         return {}
 
@@ -228,7 +228,7 @@ def read_settings(kind: type[S], file: Path, most: int = 1 << 20, secret: bool =
 def settings_in(kind: type[S], data: bytes, file: Path) -> S:
     """Return the settings in the present or future content of a file. Raises OptionError."""
     try:
-        text = data.decode()
+        text = data.decode("utf-8-sig")  # Windows may begin it with a mark
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise OptionError(f"{file}: {error}") from None

@@ -87,7 +87,7 @@ def read(wiring: Path | str | Mapping[str, Any]) -> WiringSource:
 
 def _load(source: WiringSource, path: Path) -> dict[str, Any]:
     try:
-        source.text = path.read_text(encoding="utf-8")
+        source.text = path.read_text(encoding="utf-8-sig")  # Windows may begin it with a mark
         return tomllib.loads(source.text)
     except FileNotFoundError:
         source.mistake("", "no such file")

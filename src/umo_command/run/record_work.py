@@ -112,6 +112,8 @@ class RecordingWork:
             self._say(f"recorded: {self._file}{self._in_words()}")
         else:
             parts.discard()
+            if self.failed:
+                self._say(f"nothing was recorded: {self._file} has no complete block, and is removed")
 
     def _in_words(self) -> str:
         recorder, parts = self._recorder, self._parts
