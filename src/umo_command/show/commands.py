@@ -194,7 +194,8 @@ def why(
 ) -> None:
     """Show why the last run ended, and why periods were missed: how long each phase took, and the cause.
 
-    The times come from the newest black box, which is written when a period is missed or a run fails. The last faults
+    The last run is the newest one in runs/; without runs/ it is that of the newest black box. The times come from the
+    newest black box of the run, which is written when a period is missed or a run in real time fails. The last faults
     of equipment are also shown. A named station that runs is shown as with `--now` if equipment is in fault, or if the
     run has no black box yet. If you give the path of an actuator, the command shows its claim: who drives the
     actuator, and why. It also shows which value the actuator gets when this claim ends.
