@@ -52,7 +52,8 @@ def list_(
 ) -> None:
     """List the alarms of a running station that are not normal.
 
-    Unacknowledged alarms come first, then those with a higher priority.
+    Unacknowledged alarms come first, then those with a higher priority. Times are local times, as in `umo alarm
+    history`; with --json they are in s on the machine's clock.
     """
     from umo_command.alarm.listing import list_alarms
 
