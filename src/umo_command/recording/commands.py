@@ -55,15 +55,19 @@ HISTORY = Path("fleet-history")
 
 
 @command(
-    epilog="Examples: umo recording make ztheta  |  umo recording make ztheta run.mcap --rotate '1 h' --keep "
-    "'20 GB'  |  "
+    epilog="Examples: umo recording make ztheta  |  umo recording make ztheta run.mcap --for '10 s'  |  "
+    "umo recording make ztheta long.mcap --rotate '1 h' --keep '20 GB'  |  "
     "umo recording make ztheta --last '10 min'",
-    status="0 the run has ended, or Ctrl-C; 1 a file cannot be read or written; 2 the command line is wrong (see "
-    "stderr); 4 not everything was recorded",
+    status="0 the run has ended, or --for or Ctrl-C has ended the recording; 1 a file cannot be read or written; 2 the "
+    "command line is wrong (see stderr); 4 not everything was recorded",
 )
 def make(
     station: Running,
     file: OptionalFile = None,
+    lasting: Annotated[
+        float | None,
+        time_option("--for", help="End the recording after this time; default: when the run ends, or Ctrl-C."),
+    ] = None,
     last: Annotated[
         float | None,
         time_option(
@@ -96,7 +100,8 @@ def make(
     """
     from umo_command.recording.making import record_station
 
-    return record_station(station, file, {"last": last, "rotate": rotate, "size": size, "keep": keep, "rate": rate})
+    changes = {"last": last, "rotate": rotate, "size": size, "keep": keep, "rate": rate}
+    return record_station(station, file, lasting, changes)
 
 
 @command(
