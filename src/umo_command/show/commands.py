@@ -47,8 +47,7 @@ def stations(
 
 @command(
     epilog="Examples: umo show values  |  umo show values z gripper.vacuum  |  "
-    "umo show values 'zones.*.temperature'  |  "
-    "umo show values ztheta z.encoder --for 10"
+    "umo show values '*.encoder' --once  |  umo show values ztheta z.encoder --for 10"
 )
 def values(
     words: Annotated[
@@ -76,8 +75,8 @@ def values(
 
 @command(
     epilog="Examples: umo show page  |  umo show page ztheta --open  |  umo show page --port 8300  |  "
-    "umo show page run.mcap  |  umo show page today.mcap yesterday.mcap  |  "
-    "umo show page --fleet  |  umo show page --host 0.0.0.0 --certificate cell.pem --key cell.key",
+    "umo run ztheta --record run.mcap  |  umo show page run.mcap  |  umo show page --fleet  |  "
+    "umo show page --host 0.0.0.0 --token SECRET-TEXT --certificate cell.pem --key cell.key",
     status="0 ended by Ctrl-C; 2 the command line is wrong (see stderr)",
 )
 def page(
@@ -173,8 +172,7 @@ def page(
 
 @command(
     epilog="Examples: umo show why  |  umo show why ztheta  |  umo show why ztheta --now  |  "
-    "umo show why --file kept.box  |  "
-    "umo show why conveyor sorter.diverter"
+    "umo show why ztheta z.motor"
 )
 def why(
     station: Annotated[str | None, running_argument("[STATION]", "Name of a station; default: all stations.")] = None,
@@ -241,7 +239,7 @@ def parts(
 
 
 @command(
-    epilog="Examples: umo show period conveyor  |  umo show period ztheta z",
+    epilog="Examples: umo show period conveyor  |  umo show period ztheta -w second_generation",
     context_settings={"ignore_unknown_options": True},
 )
 def period(station: StationName, words: PartPath = None, wiring: WiringName = None) -> int:

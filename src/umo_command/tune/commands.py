@@ -58,7 +58,8 @@ def save(station: Running) -> None:
 
 
 @command(
-    epilog="Examples: umo tune kept press  |  umo tune kept press -w modbus  |  umo tune kept press --forget count",
+    epilog="Examples: umo run conveyor --realtime --until 5  |  umo tune kept conveyor  |  "
+    "umo tune kept conveyor --forget sorter.in_bin",
     status="0 done; 2 nothing is kept, a run is using the values, or the command line is wrong (see stderr)",
 )
 def kept(
@@ -89,8 +90,8 @@ def kept(
 
 @command(
     epilog="Examples: umo tune law furnace zones.3 --relay 5% --at '3 min' --peak 300  |  umo tune law furnace zones.3 "
-    "--step 10% --within 50 --at '3 min' --peak 300  |  umo tune law furnace zones.3 --file trace.csv --from '2 min'  "
-    "|  umo tune law ztheta z --moves '20 mm'  |  umo tune law ztheta z --file run.mcap",
+    "--step 10% --within 50 --at '3 min' --peak 300  |  umo run ztheta --record run.mcap  |  "
+    "umo tune law ztheta z --file run.mcap  |  umo tune law ztheta z --moves '20 mm'",
     status="0 gains were found; 1 the experiment or the machine failed; 2 no gains can be found, or the command line "
     "is wrong (see stderr); 130 Ctrl-C: the old output was restored, and the law is in control again",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},

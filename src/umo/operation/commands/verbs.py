@@ -149,8 +149,8 @@ GIVE_BACK = Verb(
     role=Role.TUNE, of_many=True, is_of_lease=True,
 )  # fmt: skip
 STOP = Verb(
-    "stop", "End the run as a signal does: every actuator goes to its default.", _stop, role=Role.OPERATE,
-    needs_lease=False, is_level=True,
+    "stop", "End the run as SIGTERM does, with status 143: every actuator goes to its default.", _stop,
+    role=Role.OPERATE, needs_lease=False, is_level=True,
 )  # fmt: skip
 MODE = Verb(
     "mode", "Change the mode. In manual mode the application waits, and clients drive the machine.", _change_mode,
