@@ -33,7 +33,8 @@ Hosts = Annotated[
 
 
 @command(
-    epilog="Examples: umo connect certificate authority  |  umo connect certificate authority ~/fleet", status=STATUS
+    epilog="Examples: umo connect certificate authority  |  umo connect certificate authority ~/second-fleet",
+    status=STATUS,
 )
 def authority(
     folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Folder of the fleet; default: ~/fleet.")] = DEFAULT,
@@ -62,7 +63,7 @@ def router(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT)
 
 @command(
     epilog="Examples: umo connect certificate authority  |  "
-    "umo connect certificate site cell7  |  umo connect certificate site cell7 --host cell7.local",
+    "umo connect certificate site cell7  |  umo connect certificate site cell8 --host cell8.local",
     status=STATUS,
 )
 def site(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT) -> int:

@@ -208,6 +208,8 @@ def conform(
 
     The command asks before it drives the outputs over the ranges of their objects. At the end all outputs go to their
     defaults. If the driver has the options host and port, or serial, the line to its device is also disturbed.
+
+    For the examples, start `umo device plant ztheta` in another terminal: the devices of this wiring.
     """
     from umo_command.device.conform import Choice, conform_wiring
 

@@ -97,6 +97,8 @@ def make(
     station. The recording begins with the periods before the command that the station still has in memory. To replay a
     run, record it from its beginning (umo run --record). Periods that could not be recorded are
     counted and marked.
+
+    For the examples, start `umo run ztheta --manual` in another terminal.
     """
     from umo_command.recording.making import record_station
 
@@ -109,7 +111,10 @@ def make(
     status="0 done; 1 the file cannot be written; 2 the command line is wrong (see stderr)",
 )
 def save(station: Running, file: OptionalFile = None) -> int:
-    """Save the content of a station's flight recorder (umo recording make --last, umo run --record --last)."""
+    """Save the content of a station's flight recorder (umo recording make --last, umo run --record --last).
+
+    For the examples, start `umo run ztheta --realtime --last '10 min'` in another terminal.
+    """
     from umo_command.recording.making import save_flight
 
     return save_flight(station, file)
@@ -250,7 +255,7 @@ def replay(
 @command(
     epilog="Examples: umo run ztheta --record failed.mcap --fault 'z.encoder stuck at 5 s'  |  "
     "umo recording shrink failed.mcap  |  umo recording shrink failed.mcap -o test_crash.py --for 600  |  "
-    "umo recording shrink failed.mcap -o closed.mcap --closed",
+    "umo recording shrink failed.mcap -o test_closed.py --closed",
     status="0 done; 2 the recording has no error and no difference, or the command line is wrong (see stderr)",
 )
 def shrink(

@@ -9,7 +9,15 @@ import typer
 
 from umo.errors import OptionError
 from umo_command import completion
-from umo_command.options import Json, StationName, WiringName, out_option, running_argument, time_option
+from umo_command.options import (
+    MACHINE_OPTIONS,
+    Json,
+    StationName,
+    WiringName,
+    out_option,
+    running_argument,
+    time_option,
+)
 from umo_command.shared import group
 
 command = group(
@@ -67,6 +75,8 @@ def values(
     Similar objects of a list are folded into one line. Keys in a terminal: arrows, page up, page down, home and end
     move the cursor; enter folds or unfolds a line; 'a' folds or unfolds all lines; 'q' quits. If the output is not a
     terminal, or with --once, every object is shown once.
+
+    For the examples, start `umo run ztheta --manual` in another terminal.
     """
     from umo_command.show.values_live import watch as show
 
@@ -197,6 +207,8 @@ def why(
     of equipment are also shown. A named station that runs is shown as with `--now` if equipment is in fault, or if the
     run has no black box yet. If you give the path of an actuator, the command shows its claim: who drives the
     actuator, and why. It also shows which value the actuator gets when this claim ends.
+
+    For the examples, start `umo run ztheta --manual` in another terminal.
     """
     option = "--now" if now else "" if file is None else "--file"
     if option and path is not None:
@@ -240,9 +252,9 @@ def parts(
 
 @command(
     epilog="Examples: umo show period conveyor  |  umo show period ztheta -w second_generation",
-    context_settings={"ignore_unknown_options": True},
+    context_settings=MACHINE_OPTIONS,
 )
-def period(station: StationName, words: PartPath = None, wiring: WiringName = None) -> int:
+def period(context: typer.Context, station: StationName, wiring: WiringName = None) -> int:
     """Show the phases of a machine's period, and the parts that act in each.
 
     Options of the machine follow the station's name.
@@ -250,7 +262,7 @@ def period(station: StationName, words: PartPath = None, wiring: WiringName = No
     from umo.process.station import find
     from umo_command.show.period_table import show_period
 
-    return show_period(find(station), wiring, words or [])
+    return show_period(find(station), wiring, context.args)
 
 
 @command(epilog="Examples: umo show latency  |  umo show latency --period 500us --for '1 min' --load")
