@@ -9,6 +9,7 @@ import typer
 
 from umo.system.packages import umo_version
 
+from .old_names import name_of
 from .shared import COMMANDS, app
 
 __all__ = ["app"]
@@ -16,6 +17,8 @@ __all__ = ["app"]
 for _each in COMMANDS:
     import_module(f"umo_command.{_each}.commands")
 import_module("umo_command.connect.certificates")
+FIRST_LEVEL = {name_of(each): each for each in app.registered_commands}
+"""The commands without subcommands by name, also those that `keep_only` removes."""
 
 
 def _version(value: bool) -> None:

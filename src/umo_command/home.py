@@ -95,5 +95,5 @@ def _idle(folder: Path, failed: Sequence[str]) -> list[Step]:
     return [
         (f"umo run {name} --realtime", f"run {what} in real time, to watch and operate it"),
         (f"umo check {name}", "find its errors without hardware"),
-        ("umo new station my-machine", "create your own station"),
+        ("umo new station my-machine", "create your own station; --copy ztheta copies one that ships with umo"),
     ]

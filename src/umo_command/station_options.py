@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
+from rich.console import Group
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -22,7 +23,7 @@ from umo.errors import OptionError
 from umo.objects import Compound
 from umo.process.station import Station
 from umo.signature import choices_of, is_plain, item_of, parameters_of, without_none
-from umo.text import did_you_mean, options_in
+from umo.text import did_you_mean, options_in, shown_path
 from umo.wiring import driver_options
 from umo.wiring.parameters import arguments_for, flag
 from umo_command.shared import command_that_runs, plain
@@ -187,7 +188,9 @@ def help_panel(station: Station, wiring: str | None, *, application: bool = True
         told = "; ".join(filter(None, (option.about.rstrip("."), repeated)))
         about = "  ".join(filter(None, (told, shown)))
         table.add_row(*map(Text, (option.flag, _in_lines(option.metavar), option.taker, about)))
-    return Panel(table, title=f"Options of {station.name}", title_align="left", border_style="dim")
+    files = Text(f"files: {shown_path(str(station.path))}")
+    title = f"Options of {station.name}"
+    return Panel(Group(table, files), title=title, title_align="left", border_style="dim")
 
 
 def _in_lines(metavar: str) -> str:

@@ -19,7 +19,7 @@ from helpers.tiers import first
 from umo import connect, published
 from umo.plant.twin import place_of, twin_of
 from umo.process.frames import Reader
-from umo.process.station import find
+from umo.process.station import find, shipped
 from umo.stations import ztheta
 from umo.system.device_lock import DeviceLock
 from umo.system.device_record import DeviceRecord
@@ -469,6 +469,40 @@ def test_the_tests_of_new_stations_have_names_of_their_own_as_pytest_needs_them(
     assert umo("new", "station", "my-press").exit_code == 0
     found = [path.name for folder in (tank, tank.parent / "my-press") for path in (folder / "tests").glob("test_*.py")]
     assert found == ["test_tank.py", "test_my_press.py"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped())
+def test_a_copy_of_a_station_that_ships_with_umo_has_its_own_code_wirings_and_tests(umo, name: str) -> None:
+    result = umo("new", "station", "mine", "--copy", name)
+    assert (result.exit_code, f"mine is a copy of {name}" in said(result)) == (0, True)
+    own, source = station("mine"), find(name)
+    assert [*own.wirings] == [*source.wirings]
+    assert not any('type = "ztheta"' in wiring.read_text() for wiring in own.wirings.values())  # the plant of the copy
+    checked = umo("check", "mine", "--all")
+    assert checked.exit_code == 0, checked.stderr
+    assert (own.path / "tests" / "test_mine.py").is_file()
+    assert umo("new", "station", "again", "--copy", "mine").exit_code == 0
+    assert [each.name for each in Path("again/tests").glob("test_*.py")] == ["test_again.py"]
+    assert 'packages = ["again"]' in Path("again/pyproject.toml").read_text()
+
+
+@pytest.mark.slow
+def test_a_copy_of_a_station_is_tested_by_its_own_tests(umo) -> None:
+    assert umo("new", "station", "mine", "--copy", "batch").exit_code == 0
+    done = subprocess.run([sys.executable, "-m", "pytest", "-q", "mine"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+
+
+def test_a_station_is_not_copied_into_itself(umo, tank: Path) -> None:
+    result = umo("new", "station", "tank/second", "--copy", str(tank))
+    assert "tank/second is a folder of tank" in said(result)
+    assert result.exit_code == 2
+
+
+@pytest.mark.parametrize("words", [("show", "parts", "batch"), ("run", "batch", "--help")])
+def test_the_place_of_the_files_of_a_station_is_shown(umo, words: tuple[str, ...]) -> None:
+    assert str(find("batch").path) in re.sub(r"[\s│]", "", umo(*words).stdout)
 
 
 def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:

@@ -268,6 +268,14 @@ def test_an_actuator_of_a_running_station_is_taken_and_given_back(conveyor: umo.
     assert "sorter.diverter  released: " in result.stdout
 
 
+def test_an_actuator_with_a_slew_rate_is_on_its_way_when_it_is_held_and_when_it_is_released(
+    conveyor: umo.Started,
+) -> None:
+    held, released = run("device", "set", "conveyor", "sorter.belt.setpoint", "0.5", "--for", "0.1").stdout.splitlines()
+    assert "(on its way to 0.50000 m/s: its slew rate is limited)" in held
+    assert "(on its way to its default 0.00000 m/s, or written by the program)" in released
+
+
 @pytest.mark.parametrize("words", HELD)
 @pytest.mark.parametrize("how", ["another client takes the lease", "it sends no heartbeat"])
 def test_a_command_ends_with_status_2_when_the_machine_holds_no_longer_what_it_holds(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from tools.command_line import EXIT_STATUS, PAGE, leaves, page
 from umo.exit_status import ExitStatus
+from umo.process.station import shipped
 from umo_command import shared
 from umo_command.app import app
 from umo_command.old_names import OLD_NAMES, OldName, current
@@ -38,18 +40,38 @@ def test_the_help_of_a_command_has_examples_and_exit_statuses(name: str) -> None
     result = CliRunner().invoke(app, [*name.split(), "--help"])
     shown = " ".join(result.stdout.split())
     assert result.exit_code == 0
-    assert f"Examples: umo {name}" in shown
+    assert re.search(rf"Examples: (.* \| )?umo {name}\b", shown)
     assert "Exit status: 0 " in shown
+
+
+OWN = {"my-machine", "my-batch"}
+"""Stations that examples make."""
+
+
+def _examples(name: str) -> Iterator[tuple[Any, str]]:
+    """Each example of a command that is one of `umo`, with the command that it calls."""
+    for example in re.split(r" +\| +| && ", LEAVES[name].epilog.partition("\n\n")[0].removeprefix("Examples: ")):
+        called = [each for each in LEAVES if f"{example} ".startswith(f"umo {each} ")]
+        assert called or not example.startswith("umo "), example
+        if called:
+            yield LEAVES[called[-1]], example.removeprefix(f"umo {called[-1]}")
 
 
 @pytest.mark.parametrize("name", LEAVES)
 def test_the_examples_of_a_command_have_options_that_exist(name: str) -> None:
-    command = LEAVES[name]
-    known = {flag for each in command.params for flag in (*each.opts, *each.secondary_opts)}
-    examples = command.epilog.partition("\n\n")[0]
-    used = set(re.findall(r"(?<=\s)(--?[a-z][a-z-]*)", examples)) - {"--help"}
-    if not command.context_settings.get("ignore_unknown_options"):
-        assert used <= known
+    for command, words in _examples(name):
+        known = {flag for each in command.params for flag in (*each.opts, *each.secondary_opts)}
+        used = set(re.findall(r"(?<=\s)(--?[a-z][a-z-]*)", words)) - {"--help"}
+        assert used <= known or command.context_settings.get("ignore_unknown_options"), words
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_the_examples_of_a_command_name_stations_that_ship_with_umo_or_that_they_make(name: str) -> None:
+    for command, words in _examples(name):
+        arguments = [each for each in command.params if each.param_type_name == "argument"]
+        given = words.split()[:1]
+        if arguments and (arguments[0].metavar or "").strip("[]") == "STATION" and given:
+            assert given[0].startswith("-") or given[0] in {*shipped(), *OWN}, words
 
 
 @pytest.mark.parametrize("name", [*COMMANDS, "--help", "runs-of-nobody"])

@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import datetime, timedelta
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,26 @@ def test_why_tells_the_faults_whose_events_are_kept(umo: Umo, tmp_path: Path) ->
     assert f"{told}cleared by: umo do plant clear reactors.1 " in text
     assert told in " ".join(umo("show", "why").stdout.split())
     assert "cleared by" not in umo("show", "why").stdout
+
+
+def test_why_shows_the_black_box_of_the_last_run_and_says_if_it_has_none(
+    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running(tmp_path):
+        assert umo("show", "why", "plant", "--now").exit_code == 0
+    monkeypatch.chdir(tmp_path)
+    for name, hours, has_box in (("plant-1", -1, True), ("plant-2", 1, False)):  # began before the box, and after it
+        place = tmp_path / "runs" / name
+        place.mkdir(parents=True)
+        started = datetime.now().astimezone() + timedelta(hours=hours)
+        (place / "run.json").write_text(json.dumps({"station": "plant", "started": started.isoformat()}))
+        (place / "summary.json").write_text(json.dumps({"status": 0}))
+        for words in (("plant",), ()):
+            shown = umo("show", "why", *words).stdout
+            assert f"the last run in runs/: {name} ended with status 0" in shown
+            assert ("plant (rig), run since 20" in shown) is has_box
+            assert ("this run has no black box" in shown) is not has_box
+            assert ("an earlier run has one" in shown) is not has_box
 
 
 def test_why_of_a_running_station_in_fault_shows_the_fault_without_an_option(umo: Umo, tmp_path: Path) -> None:

@@ -26,9 +26,11 @@ from umo.exit_status import ExitStatus
 from umo.process.job import Job, Plan
 from umo.system.device_record import DeviceRecord
 from umo.wiring.wired import ProcessSettings, Wired
+from umo_command.app import app
 from umo_command.new import service, service_hints
 from umo_command.new.service_hints import groups_for
 from umo_command.new.systemd_unit import NO_RESTART, SUCCESS, ServiceUnit, plain, quoted, stop_limit, watchdog
+from umo_command.shared import keep_only
 
 Umo = Callable[..., Result]
 
@@ -59,6 +61,15 @@ def test_the_unit_runs_the_station_as_it_was_checked(umo: Umo, tank: Path) -> No
         *("--no-plot", "--keep", "200 MB", "--keep-runs", "20"),
     ]
     assert section(result.stdout)["WorkingDirectory"] == str(tank.parent)
+
+
+def test_the_options_of_a_run_are_known_where_only_the_commands_of_new_are_made(
+    umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for kind in ("registered_commands", "registered_groups"):
+        monkeypatch.setattr(app, kind, list(getattr(app, kind)))
+    keep_only(["new"])  # as in a process of this command
+    assert umo("new", "service", "tank").exit_code == 0
 
 
 def test_a_wiring_of_devices_on_the_network_waits_for_it(umo: Umo, tank: Path) -> None:

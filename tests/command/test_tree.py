@@ -66,7 +66,8 @@ def made(folder: Path, count: int) -> Path:
 
 def lines(result: Result) -> list[str]:
     assert result.exit_code == 0, result.stderr
-    return [line.strip("│├└─ ") for line in result.stdout.splitlines()]
+    shown = (line.strip("│├└─ ") for line in result.stdout.splitlines())
+    return [line for line in shown if not line.startswith("files of ")]
 
 
 def test_like_members_of_a_list_are_shown_once_and_those_that_differ_by_themselves(umo: Umo, furnace: Path) -> None:

@@ -193,7 +193,8 @@ def test_arguments_that_a_verb_does_not_have_are_refused(rig: Rig, do: str) -> N
 
 def test_a_shelved_alarm_is_not_told_until_it_is_unshelved(rig: Rig) -> None:
     rig.ann.do("lease")
-    rig.ann.do("shelve", "tanks.0", 60.0)
+    answer = rig.ann.do("shelve", "tanks.0", 60.0).text
+    assert "shelved for 60 s, or until the run ends: tanks.0.full and tanks.0.flooded" in answer
     assert {(row.note, row.who) for row in rig.rows} == {("for 60 s", "ann")}
     rig.flood(0)
     assert set(rig.states().values()) == {"shelved active"}

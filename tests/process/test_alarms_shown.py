@@ -20,6 +20,7 @@ from umo.operation.commands.verbs import verb_of
 from umo.process.frames import Reader, blackbox
 from umo.process.frames.alarm_list import alarm_rows
 from umo.testing import Scripted, periods
+from umo.text import time_of_day
 from umo_command.app import app
 from umo_command.do.do_verb import given_arguments
 from umo_command.show.stations import attach_first
@@ -115,6 +116,13 @@ def test_umo_alarms_lists_them(reader: Reader) -> None:
     shown = CliRunner().invoke(app, ["alarm", "list"]).stdout
     assert "unacknowledged" in shown
     assert "too full" in shown
+
+
+def test_the_list_of_alarms_shows_the_same_clock_as_their_history(
+    reader: Reader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Reader, "utc", lambda self, frame: 1e9)  # a run in real time
+    assert time_of_day(1e9) in CliRunner().invoke(app, ["alarm", "list"]).stdout
 
 
 def test_an_acknowledged_alarm_keeps_the_time_at_which_it_began_and_shows_who_acknowledged_it(

@@ -249,6 +249,19 @@ def test_recording_a_running_station_says_what_it_does_and_how_to_end_it(
     assert "recorded: run.mcap (25 periods" in result.stderr.replace("\n", " ")
 
 
+def test_for_ends_a_recording_and_the_station_continues(
+    umo: Umo, bench_runs: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    CtrlC(monkeypatch, bench_runs, 10**9)
+    result = umo("recording", "make", "press", "run.mcap", "--for", "1 ms")
+    assert result.exit_code == 0, result.stderr
+    assert "; --for 1 ms, or Ctrl-C, ends the recording" in result.stdout.replace("\n", " ")
+    assert "recorded: run.mcap (" in result.stderr.replace("\n", " ")
+    bench_runs()
+    refused = umo("recording", "make", "press", "--for", "1 s", "--last", "1 s")
+    assert (refused.exit_code, "--last is a flight recorder" in refused.stderr) == (2, True)
+
+
 def test_a_flight_recorder_beside_a_running_station_leaves_nothing_when_it_is_stopped(
     umo: Umo, bench_runs: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

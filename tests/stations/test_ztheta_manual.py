@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,8 +14,10 @@ import pytest
 import umo
 from helpers.operator import Operator
 from helpers.tiers import first
+from tools.command_line import leaves
 from umo.control.axis_state import AxisState
-from umo.cycle.events import CommandState
+from umo.cycle.events import CommandState, Event
+from umo.objects.units import convert
 from umo.operation.commands.client_commands import Mode
 from umo.states import OnOff
 from umo.stations.ztheta.application import main
@@ -43,6 +46,9 @@ class Station(Operator):
             self.run()
         raise AssertionError("it did not come true")
 
+    def last(self, number: int) -> Event:
+        return [event for event in self.events if event.command == number][-1]
+
     def at(self, phase: str) -> None:
         self.until(lambda: phase in self.machine.progress.text)
 
@@ -61,6 +67,30 @@ def station() -> Iterator[Station]:
     connection = umo.connect(machine(), tomllib.loads(text), parts=1, seed=3)
     with connection as m:
         yield Station(m, connection.driver("plant"))
+
+
+@pytest.mark.slow
+def test_the_examples_of_umo_do_work_in_their_order_from_the_start_of_a_run_in_manual_mode() -> None:
+    (about,) = (each.epilog for name, each in leaves() if name == "do")
+    examples = (shlex.split(each)[3:] for each in about.partition("\n\n")[0].split("  |  "))
+    calls = [each[1:] for each in examples if each[:1] == ["call"]]
+    assert [path for path, *_ in calls] == ["home", "z.move_to", "z.jog"]
+    with station() as ann:
+        ann.mode("manual")
+        for path, *words in calls:
+            given = dict(each.split("=") for each in words if "=" in each)
+            ann.call(path, **{name: in_micrometres(text) for name, text in given.items()})
+            number = ann.number
+            if path == "z.jog":
+                assert ann.answer(number).state is CommandState.DONE, ann.answer(number).text
+                continue
+            ann.until(lambda number=number: ann.last(number).state is not CommandState.BEGUN)
+            assert ann.last(number).state is CommandState.DONE, ann.last(number).text
+
+
+def in_micrometres(text: str) -> float:
+    number, _, unit = text.partition(" ")
+    return convert(float(number), unit, "um") if unit else float(number)
 
 
 @pytest.mark.full

@@ -3,7 +3,9 @@ The computations use plain numbers."""
 
 from __future__ import annotations
 
-from math import inf, isfinite, sqrt
+from math import floor, inf, isfinite, log10, sqrt
+
+from umo.digits import number_text
 
 MOST_KEPT = 256
 """The largest number of measurements that are kept to detect whether a step has settled."""
@@ -16,6 +18,8 @@ SMALLER = 0.5
 is linear."""
 MAX_TURN_TIME = 4.0
 """Longest time for the smaller amplitude to turn the measurement, as a multiple of the longest half cycle."""
+LEAST_SHARE = 0.001
+"""The least share of the range that is offered as an amplitude."""
 NOISE_FACTOR = 10.0
 """The hysteresis of a relay, as a multiple of the standard deviation of the noise."""
 
@@ -148,3 +152,24 @@ def room_for(base: Baseline, amplitude: float, low: float, high: float, both: bo
     up, down = high - base.output, base.output - low
     room = min(up, down) if both else up if amplitude > 0.0 else down
     return max(room, 0.0) if isfinite(room) else inf
+
+
+def fitting(base: Baseline, low: float, high: float, span: float, units: str) -> str:
+    """Return the largest amplitudes that fit between the bounds, as options of `umo tune law`. `span`: the width of the
+    output's range, of which an amplitude is a share if the width is finite."""
+    up, down = (room_for(base, sign, low, high, both=False) for sign in (1.0, -1.0))
+    rooms = {"--relay ": min(up, down), "--step ": up, "--step -": down}
+    told = [f"{option}{_share(room, span, units)}" for option, room in rooms.items() if _is_usable(room, span)]
+    return f"at most {' or '.join(told)}" if told else "no amplitude"
+
+
+def _is_usable(room: float, span: float) -> bool:
+    return isfinite(room) and room > (LEAST_SHARE * span if isfinite(span) else 0.0)
+
+
+def _share(room: float, span: float, units: str) -> str:
+    """Return an amplitude as an option takes it, rounded down: a share of the range, or a number in its unit."""
+    value = 100.0 * room / span if isfinite(span) else room
+    digit = 10.0 ** (floor(log10(value)) - 1)
+    text = number_text(floor(value / digit) * digit)
+    return f"{text}%" if isfinite(span) else f"'{text} {units}'"

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from math import inf, isfinite
 from typing import Any, Literal
 
-from umo.control.excitation import NOISE_FACTOR, Baseline, RelaySwitching, StepChange, room_for
+from umo.control.excitation import NOISE_FACTOR, Baseline, RelaySwitching, StepChange, fitting, room_for
 from umo.control.loops import ControlLoop, Next
 from umo.cycle.sequences import one_period
 from umo.digits import number_text
@@ -101,7 +101,11 @@ class LoopExperiments:
         if any(each.is_taken for each in (self._loop, *self._outer)):
             raise Busy(f"{self._path}: an experiment is in progress")
         if not amplitude or (kind == "relay" and amplitude < 0.0):
-            raise RangeError(f"{self._path}: the amplitude of a {kind} cannot be {number_text(amplitude)}")
+            hint = "; a step may go down" if kind == "relay" else ""
+            must = "above 0" if kind == "relay" else "below or above 0"
+            raise RangeError(
+                f"{self._path}: the amplitude of a {kind} must be {must}, not {number_text(amplitude)}{hint}"
+            )
         self._within = within or WITHIN_SHARE * self._loop.measured_range or inf
         self._plan = lambda base, low, high: self._made(kind, amplitude, hysteresis, cycles, base, low, high)
         self._base, self._excitation, self._driven = Baseline(), None, None
@@ -209,7 +213,7 @@ class LoopExperiments:
             units = "" if self._loop.output is None else self._loop.output.units
             raise RangeError(
                 f"the output is at {measure(base.output, units)}, in a range of {number_text(low)} to "
-                f"{measure(high, units)}: an amplitude of at most {measure(room, units)} fits"
+                f"{measure(high, units)}: {fitting(base, low, high, self.amplitudes.maximum, units)} fits"
             )
         if kind == "step":
             return StepChange(base, amplitude)

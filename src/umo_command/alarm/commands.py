@@ -32,14 +32,14 @@ command = group(
     "alarm",
     "Operate",
     "List the alarms of a station, acknowledge them, or hide them for a time.",
-    "umo alarm list  |  umo alarm ack plant tank.overfill  |  umo alarm shelve plant tank.cold '10 min'",
+    "umo alarm list  |  umo alarm ack batch reactors.0.hot  |  umo alarm shelve batch reactors.0.full '10 min'",
     cls=AlarmCommands,
 )
 
 
 @command(
     "list",
-    epilog="Examples: umo alarm list  |  umo alarm list plant  |  umo alarm list plant --raised  |  "
+    epilog="Examples: umo alarm list  |  umo alarm list batch  |  umo alarm list batch --raised  |  "
     "umo alarm list --all",
 )
 def list_(
@@ -52,14 +52,17 @@ def list_(
 ) -> None:
     """List the alarms of a running station that are not normal.
 
-    Unacknowledged alarms come first, then those with a higher priority.
+    Unacknowledged alarms come first, then those with a higher priority. Times are local times, as in `umo alarm
+    history`; with --json they are in s on the machine's clock.
+
+    For the examples of `umo alarm`, start `umo run batch --manual` in another terminal.
     """
     from umo_command.alarm.listing import list_alarms
 
     list_alarms(station, as_json, raised, every)
 
 
-@command(epilog="Examples: umo alarm history plant")
+@command(epilog="Examples: umo alarm history batch")
 def history(
     station: Annotated[
         str | None,
@@ -90,15 +93,18 @@ def commands_of_verbs() -> dict[str, Any]:
 
 def _add(command: HelpPanel, verb: Verb) -> None:
     """Add the command that gives this verb."""
-    from umo.operation.commands.verbs import ACKNOWLEDGE_ALARM
+    from umo.operation.commands.verbs import ACKNOWLEDGE_ALARM, RESET_ALARM, RETURN_TO_SERVICE, UNSHELVE
 
     name = "ack" if verb is ACKNOWLEDGE_ALARM else verb.name.partition(" ")[0]
     more = "".join(f" {each.name.upper()}" for each in verb.arguments)
-    example = " '10 min'" if verb.arguments else ""
+    time = " '10 min'" if verb.arguments else ""
+    first = {UNSHELVE: "shelve batch reactors.0.full '10 min'", RETURN_TO_SERVICE: "remove batch reactors.0.full"}
+    one = f"{name} batch" if verb is RESET_ALARM else f"{name} batch reactors.0.full{time}"  # no alarm can be reset
+    examples = [*filter(None, [first.get(verb)]), one, f"{name} batch 'reactors.*'{time}"]
     about = typer.Argument(
         metavar=f"[STATION] PATH{more}" if more else "[STATION] [PATH]...",
         help=f"Name or pid of a station, required if several run; then one or more paths. A path names an alarm "
-        f"(tank.overfill), or an object or compound with all its alarms. It can be a pattern ('tanks.*.overfill'). "
+        f"(reactors.0.full), or an object or compound with all its alarms. It can be a pattern ('reactors.*.full'). "
         f"{'The last argument is the time, at most 7 days.' if more else 'Default: all alarms.'}",
         autocompletion=completion.running_and_alarms,
     )
@@ -113,5 +119,4 @@ def _add(command: HelpPanel, verb: Verb) -> None:
         return do(station, verb.name, rest, take, None)
 
     give.__annotations__["words"] = Annotated[list[str] | None, about]
-    examples = f"umo alarm {name} plant tank.overfill{example}  |  umo alarm {name} plant 'tanks.*'{example}"
-    command(name, help=verb.help, epilog=f"Examples: {examples}")(give)
+    command(name, help=verb.help, epilog=f"Examples: {'  |  '.join(f'umo alarm {each}' for each in examples)}")(give)

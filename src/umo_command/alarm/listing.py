@@ -27,7 +27,8 @@ def list_alarms(name: str | None, as_json: bool, raised: bool, every: bool) -> N
 
 
 def _list(reader: RunReader, as_json: bool, raised: bool, every: bool) -> None:
-    rows = reader.alarms(reader.latest(), raised, every)
+    frame = reader.latest()
+    rows, utc = reader.alarms(frame, raised, every), reader.utc(frame)
     if as_json:
         out.print_json(json.dumps([_data(row) for row in rows]), ensure_ascii=True)
         return
@@ -44,23 +45,28 @@ def _list(reader: RunReader, as_json: bool, raised: bool, every: bool) -> None:
         table.add_column(heading, overflow="fold")
     for row in rows:
         style = "red" if row.annunciated and row.priority > 2 else ""
-        texts = _texts(row)
+        texts = _texts(row, utc)
         table.add_row(*(texts[name] for name in columns), style=style)
     out.print(table)
 
 
-def _texts(row: AlarmRow) -> dict[str, str]:
-    """Return the texts of a row, by column."""
-    since = "" if row.since is None else clock_text(row.since)
+def _texts(row: AlarmRow, utc: float | None) -> dict[str, str]:
+    """Return the texts of a row, by column. `utc`: the time of day at which the run's clock was 0, if it is known."""
+    since = "" if row.since is None else _moment(row.since, utc)
     text = row.text + (f"; {row.note}" if row.note else "")
-    texts = (row.path, str(row.state), row.who, str(row.priority), since, _raised(row), text)
+    texts = (row.path, str(row.state), row.who, str(row.priority), since, _raised(row, utc), text)
     return dict(zip(COLUMNS, map(printable, texts), strict=True))
 
 
-def _raised(row: AlarmRow) -> str:
+def _raised(row: AlarmRow, utc: float | None) -> str:
     """Return how often an alarm was raised. If it was raised more than once, also return since when."""
-    first = "" if row.raised < 2 or row.first is None else f" since {clock_text(row.first)}"
+    first = "" if row.raised < 2 or row.first is None else f" since {_moment(row.first, utc)}"
     return f"{row.raised}{first}" if row.raised else ""
+
+
+def _moment(seconds: float, utc: float | None) -> str:
+    """Format a time of the run as in the history, or, in virtual time, on the run's clock."""
+    return clock_text(seconds) if utc is None else time_of_day(utc + seconds)
 
 
 def show_history(name: str | None) -> None:
@@ -78,7 +84,7 @@ def show_history(name: str | None) -> None:
         table.add_column(heading, overflow="fold")
     for record in records[-MAX_SHOWN:]:
         texts = map(printable, (record.path, record.text, record.who))
-        table.add_row(time_of_day(record.when, "%Y-%m-%d %H:%M:%S"), *texts)
+        table.add_row(time_of_day(record.when), *texts)
     out.print(table)
 
 

@@ -33,7 +33,8 @@ Hosts = Annotated[
 
 
 @command(
-    epilog="Examples: umo connect certificate authority  |  umo connect certificate authority ~/fleet", status=STATUS
+    epilog="Examples: umo connect certificate authority  |  umo connect certificate authority ~/second-fleet",
+    status=STATUS,
 )
 def authority(
     folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Folder of the fleet; default: ~/fleet.")] = DEFAULT,
@@ -48,7 +49,11 @@ def authority(
     return make_authority(folder)
 
 
-@command(epilog="Examples: umo connect certificate router plant --host plant.local --host 192.168.1.10", status=STATUS)
+@command(
+    epilog="Examples: umo connect certificate authority  |  "
+    "umo connect certificate router plant --host plant.local --host 192.168.1.10",
+    status=STATUS,
+)
 def router(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT) -> int:
     """Make the certificate of a router, which connects the computers of a site (umo connect router)."""
     from umo_command.connect.fleet_authority import make
@@ -57,7 +62,8 @@ def router(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT)
 
 
 @command(
-    epilog="Examples: umo connect certificate site cell7  |  umo connect certificate site cell7 --host cell7.local",
+    epilog="Examples: umo connect certificate authority  |  "
+    "umo connect certificate site cell7  |  umo connect certificate site cell8 --host cell8.local",
     status=STATUS,
 )
 def site(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT) -> int:
@@ -72,7 +78,9 @@ def site(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT) -
 
 
 @command(
-    epilog="Examples: umo connect certificate user ann  |  umo connect certificate user bob --site cell7", status=STATUS
+    epilog="Examples: umo connect certificate authority  |  "
+    "umo connect certificate user ann  |  umo connect certificate user bob --site cell7",
+    status=STATUS,
 )
 def user(
     name: CertificateName,
@@ -93,7 +101,7 @@ def user(
     return make(folder, "user", name, sites=sites or ())
 
 
-@command(epilog="Examples: umo connect certificate withdraw ann", status=STATUS)
+@command(epilog="Examples: umo connect certificate user ann  |  umo connect certificate withdraw ann", status=STATUS)
 def withdraw(name: CertificateName, folder: Folder = DEFAULT) -> int:
     """Withdraw a certificate. A router refuses it from its next start on."""
     from umo_command.connect.fleet_authority import withdraw_rule

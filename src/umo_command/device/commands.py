@@ -110,8 +110,8 @@ def set_(
 
 
 @command(
-    epilog="Examples: umo device drivers  |  umo device drivers modbus  |  umo device drivers .card:Card  |  "
-    "umo device drivers fmu --model tank.fmu",
+    epilog="Examples: umo device drivers  |  umo device drivers modbus  |  umo new driver my_card  |  "
+    "umo device drivers my_card:MyCard",
     context_settings=MACHINE_OPTIONS,
 )
 def drivers(
@@ -139,9 +139,9 @@ def drivers(
 
 
 @command(
-    epilog="Examples: umo device conform oven/wiring/modbus.toml  |  "
-    "umo device conform oven -w modbus --only coil:3 --yes  |  "
-    "umo device conform oven -w bench --loopback dac:0=adc:0",
+    epilog="Examples: umo device conform ztheta -w modbus  |  "
+    "umo device conform ztheta -w modbus --only coil:5 --yes  |  "
+    "umo device conform ztheta -w modbus --for '5 min' --out certificate.json",
     status="0 every rule was kept; 1 a rule is broken, or a device failed; 2 the command line or the wiring is wrong, "
     "or you did not agree; 3 no rule is broken, but the line could not be disturbed, or the time was too short for "
     "all rules; 130 Ctrl-C",
@@ -208,6 +208,8 @@ def conform(
 
     The command asks before it drives the outputs over the ranges of their objects. At the end all outputs go to their
     defaults. If the driver has the options host and port, or serial, the line to its device is also disturbed.
+
+    For the examples, start `umo device plant ztheta` in another terminal: the devices of this wiring.
     """
     from umo_command.device.conform import Choice, conform_wiring
 
@@ -230,7 +232,7 @@ def conform(
 
 @command(
     epilog="Examples: umo device plant ztheta  |  umo device plant ztheta --port 1502 --seed 7 --faults leaky-cup  |  "
-    "umo device plant my-machine -w modbus --help",
+    "umo device plant ztheta --help",
     status="0 ended by Ctrl-C; 1 the plant failed; 2 the command line or a wiring is wrong (see stderr)",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,

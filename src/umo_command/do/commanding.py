@@ -288,21 +288,23 @@ def set_running(reader: Reader, path: str, text: str, hold: float | None, over: 
         value = state(path, text, item.states) if item.states else number(path, text, item.units)
         with hinting(reader), leased(station, over) as lease:
             item.write(value)
-            _show(reader, path, "", value)
+            _show(reader, path, "", value, "{}: its slew rate is limited")
             status = hold_until(lease, path, hold)
             item.release()
-            _show(reader, path, "released: ")
+            default = reader.layout.described.objects[reader.index(path)].plain.get("default")
+            _show(reader, path, "released: ", default, "its default {}, or written by the program")
         return status
 
 
-def _show(reader: RunReader, path: str, what: str, held_at: float | str | None = None) -> None:
-    """Show an actuator that was written or released. If it is held and still moves with its slew rate, say so."""
+def _show(reader: RunReader, path: str, what: str, aim: object, way: str) -> None:
+    """Show an actuator that was written or released. If it does not have the number `aim` yet, say so: `way` is the end
+    of this remark."""
     let_pass(reader, 2, 1.0)
     (row,) = reader.rows(reader.latest(), [reader.index(path)])
-    shown, way = value_of([row]), ""
-    if isinstance(held_at, float | int) and row.quality == Quality.GOOD and shown != row.about.text(held_at):
-        way = f"  (on its way to {row.about.text(held_at)}: its slew rate is limited)"
-    out.print(f"{path}  {what}{shown}  {quality_of([row])}{way}")
+    shown, remark = value_of([row]), ""
+    if isinstance(aim, float | int) and row.quality == Quality.GOOD and shown != (wanted := row.about.text(aim)):
+        remark = f"  (on its way to {way.format(wanted)})"
+    out.print(f"{path}  {what}{shown}  {quality_of([row])}{remark}")
 
 
 def let_pass(reader: RunReader, periods: int, within: float) -> None:

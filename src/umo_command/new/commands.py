@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from umo_command import completion
 from umo_command.options import MACHINE_OPTIONS, StationName, WiringName, out_option
 from umo_command.shared import group
 
@@ -18,12 +19,31 @@ command = group(
 )
 
 
-@command(epilog="Examples: umo new station my-machine && umo run my-machine")
-def station(directory: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder.")]) -> None:
-    """Create a small working station with tests."""
+@command(
+    epilog="Examples: umo new station my-machine && umo run my-machine  |  "
+    "umo new station my-batch --copy batch && umo run my-batch"
+)
+def station(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder.")],
+    copied: Annotated[
+        str | None,
+        typer.Option(
+            "--copy",
+            metavar="STATION",
+            help="Copy this station, such as one that ships with umo; default: a small tank.",
+            autocompletion=completion.stations,
+        ),
+    ] = None,
+) -> None:
+    """Create a small working station with tests.
+
+    With --copy it is a copy of another station, with its own name, code, wirings and tests. Change the wirings, or any
+    other file, as you like. `umo show parts STATION` shows where the files of a station are.
+    """
+    from umo.process.station import find
     from umo_command.new.templates import make_station
 
-    make_station(directory)
+    make_station(directory, None if copied is None else find(copied))
 
 
 @command(
@@ -64,7 +84,8 @@ def face(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the m
 @command(
     epilog="Examples: umo new controller ztheta --target host -o controller  |  "
     "umo new controller furnace --zones 3 --target "
-    "cortex-m -o firmware  |  umo new controller my-machine -w bench --target arduino -o sketch",
+    "cortex-m -o firmware  |  umo new station my-machine  |  "
+    "umo new controller my-machine --target arduino -o sketch",
     status="0 done; 2 some code cannot be translated, or the command line, the wiring or a declaration is wrong (see "
     "stderr)",
     context_settings=MACHINE_OPTIONS,
@@ -110,9 +131,9 @@ def controller(
 
 
 @command(
-    epilog="Examples: umo new service press -w modbus  |  "
-    "umo new service press -w modbus --as operator -o press.service  |  "
-    "umo new service press -w modbus --keep '1 GB' --user",
+    epilog="Examples: umo new service ztheta -w modbus  |  "
+    "umo new service ztheta -w modbus --as root -o ztheta.service  |  "
+    "umo new service ztheta -w modbus --keep '1 GB' --user",
     status="0 the unit is written; 2 the command line, the wiring or a declaration is wrong (see stderr)",
     context_settings=MACHINE_OPTIONS,
 )

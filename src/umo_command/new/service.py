@@ -110,9 +110,12 @@ def _options_of_run(station: str, words: Sequence[str]) -> tuple[dict[str, Any],
     station, and the options of `umo run`."""
     import typer
 
-    from umo_command.shared import app, options_of_command
+    from umo_command.app import FIRST_LEVEL
+    from umo_command.shared import options_of_command
 
-    command = typer.main.get_command(app).commands["run"]  # type: ignore[attr-defined]
+    alone = typer.Typer(add_completion=False)
+    alone.registered_commands = [FIRST_LEVEL["run"]]
+    command = typer.main.get_command(alone)
     context = command.make_context("umo run", [station, *words])
     return context.params, context.args, options_of_command(context)
 

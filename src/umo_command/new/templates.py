@@ -14,20 +14,51 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from umo.process.station import StationError
-from umo.system.packages import MARK
+from umo.drivers.registry import GROUP
+from umo.process.station import Station, StationError
+from umo.system.packages import MARK, package_of, registered
 from umo.text import printable
 from umo_command.console import out
 
 EXAMPLE, CLASS = "my_card", "MyCard"
 """The names in the templates of a driver that are replaced."""
+SETTINGS = "pyproject.toml"
+NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*", "runs")
 FACE, FACE_CLASS = "my_face", "MyFace"
 """The names in the template of a face that are replaced."""
 
 
-def make_station(directory: Path) -> None:
-    """Copy the template. Raises StationError if the directory exists and is not empty, or if the name is not suitable
-    or belongs to an installed module."""
+def make_station(directory: Path, source: Station | None = None) -> None:
+    """Copy the template, or another station. Raises StationError if the directory exists and is not empty, or if the
+    name is not suitable or belongs to an installed module."""
+    own = _checked_name(directory)
+    if source is not None and source.path in directory.absolute().parents:
+        raise StationError(f"{directory} is a folder of {source.name}: a copy must have a place outside")
+    try:
+        with as_file(files("umo_command") / "template") as templates:
+            if source is None:
+                shutil.copytree(templates / "station", directory, dirs_exist_ok=True, ignore=NOT_COPIED)
+            else:
+                _copy(source, directory, templates)
+        for before in ("station", *([] if source is None else [source.name])):
+            _rename(directory, before, own)
+    except OSError as error:
+        raise StationError(f"{directory} cannot be written: {error}") from error
+    is_what = "is a station" if source is None else f"is a copy of {source.name}"
+    by_hand = " call fill target=200mm" if source is None else ""
+    out.print(
+        f"{directory} {is_what}. Try:  umo run {directory}   umo show parts {directory}   pytest {directory}\n"
+        f"To find errors before a run:  umo check {directory}   and, in {directory}, mypy (pip install mypy)\n"
+        f"By hand:  umo run {directory} --manual   and in another terminal  umo do {directory}{by_hand}",
+        soft_wrap=True,
+    )
+    if source is not None:
+        names = [f"{file.stem} ({directory / 'wiring' / file.name})" for file in source.wirings.values()]
+        out.print(f"Its wirings: {', '.join(names)}", soft_wrap=True)
+
+
+def _checked_name(directory: Path) -> str:
+    """Return the name of a new station. Raises StationError, as `make_station` does."""
     name = directory.name
     if name and not directory.exists() and not re.fullmatch(r"\w[\w.-]*", name):
         near = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "my-machine"
@@ -39,22 +70,42 @@ def make_station(directory: Path) -> None:
         raise StationError(f"{own} {what}; try {own}-machine")
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise StationError(f"{directory} is not empty; nothing was written")
-    try:
-        with as_file(files("umo_command") / "template" / "station") as template:
-            shutil.copytree(template, directory, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
-        settings = directory / "pyproject.toml"
-        named = settings.read_text("utf-8").replace('"STATION"', json.dumps(own, ensure_ascii=False))
-        settings.write_text(named, "utf-8")
-        module = re.sub(r"\W", "_", own)  # pytest takes no two modules of one name
-        (directory / "tests" / "test_station.py").rename(directory / "tests" / f"test_{module}.py")
-    except OSError as error:
-        raise StationError(f"{directory} cannot be written: {error}") from error
-    out.print(
-        f"{directory} is a station. Try:  umo run {directory}   umo show parts {directory}   pytest {directory}\n"
-        f"To find errors before a run:  umo check {directory}   and, in {directory}, mypy (pip install mypy)\n"
-        f"By hand:  umo run {directory} --manual   and in another terminal  umo do {directory} call fill target=200mm",
-        soft_wrap=True,
-    )
+    return own
+
+
+def _copy(source: Station, directory: Path, templates: Path) -> None:
+    """Copy a station. If it has no tests or no settings of type checkers, add those of the templates. Wirings that name
+    a driver of the station by a registered name, name the module of the copy."""
+    shutil.copytree(source.path, directory, dirs_exist_ok=True, ignore=NOT_COPIED)
+    if not (directory / "tests").exists():
+        shutil.copytree(templates / "copy" / "tests", directory / "tests", ignore=NOT_COPIED)
+    if not (directory / SETTINGS).exists():
+        shutil.copy(templates / "station" / SETTINGS, directory)
+    package = package_of(source.path)
+    own = {each.name: each.value.removeprefix(package) for each in registered(GROUP) if _is_in(each.value, package)}
+    for wiring in directory.glob("wiring/*.toml"):
+        text = wiring.read_text("utf-8")
+        for name, module in own.items():
+            text = text.replace(f'type = "{name}"', f'type = "{module}"')
+        wiring.write_text(text, "utf-8")
+
+
+def _is_in(name: str, package: str) -> bool:
+    return name.startswith(f"{package}.")
+
+
+def _rename(directory: Path, before: str, own: str) -> None:
+    """Write the name of a station into its settings and into the name of its test."""
+    settings = directory / SETTINGS
+    text = settings.read_text("utf-8")
+    settings.write_text(text.replace(json.dumps(before), json.dumps(own, ensure_ascii=False)), "utf-8")
+    test = directory / "tests" / f"test_{_module_of(before)}.py"
+    if test.exists():
+        test.rename(test.with_name(f"test_{_module_of(own)}.py"))  # pytest takes no two modules of one name
+
+
+def _module_of(station: str) -> str:
+    return re.sub(r"\W", "_", station)
 
 
 def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:

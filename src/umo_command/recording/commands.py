@@ -55,15 +55,19 @@ HISTORY = Path("fleet-history")
 
 
 @command(
-    epilog="Examples: umo recording make ztheta  |  umo recording make ztheta run.mcap --rotate '1 h' --keep "
-    "'20 GB'  |  "
+    epilog="Examples: umo recording make ztheta  |  umo recording make ztheta run.mcap --for '10 s'  |  "
+    "umo recording make ztheta long.mcap --rotate '1 h' --keep '20 GB'  |  "
     "umo recording make ztheta --last '10 min'",
-    status="0 the run has ended, or Ctrl-C; 1 a file cannot be read or written; 2 the command line is wrong (see "
-    "stderr); 4 not everything was recorded",
+    status="0 the run has ended, or --for or Ctrl-C has ended the recording; 1 a file cannot be read or written; 2 the "
+    "command line is wrong (see stderr); 4 not everything was recorded",
 )
 def make(
     station: Running,
     file: OptionalFile = None,
+    lasting: Annotated[
+        float | None,
+        time_option("--for", help="End the recording after this time; default: when the run ends, or Ctrl-C."),
+    ] = None,
     last: Annotated[
         float | None,
         time_option(
@@ -93,10 +97,13 @@ def make(
     station. The recording begins with the periods before the command that the station still has in memory. To replay a
     run, record it from its beginning (umo run --record). Periods that could not be recorded are
     counted and marked.
+
+    For the examples, start `umo run ztheta --manual` in another terminal.
     """
     from umo_command.recording.making import record_station
 
-    return record_station(station, file, {"last": last, "rotate": rotate, "size": size, "keep": keep, "rate": rate})
+    changes = {"last": last, "rotate": rotate, "size": size, "keep": keep, "rate": rate}
+    return record_station(station, file, lasting, changes)
 
 
 @command(
@@ -104,14 +111,17 @@ def make(
     status="0 done; 1 the file cannot be written; 2 the command line is wrong (see stderr)",
 )
 def save(station: Running, file: OptionalFile = None) -> int:
-    """Save the content of a station's flight recorder (umo recording make --last, umo run --record --last)."""
+    """Save the content of a station's flight recorder (umo recording make --last, umo run --record --last).
+
+    For the examples, start `umo run ztheta --realtime --last '10 min'` in another terminal.
+    """
     from umo_command.recording.making import save_flight
 
     return save_flight(station, file)
 
 
 @command(
-    epilog="Examples: umo recording repair run.mcap",
+    epilog="Examples: umo run ztheta --record run.mcap  |  umo recording repair run.mcap",
     status="0 the file is now complete; 2 the file is not a recording, or cannot be written (see stderr)",
 )
 def repair(file: RecordingFile) -> int:
@@ -122,7 +132,8 @@ def repair(file: RecordingFile) -> int:
 
 
 @command(
-    epilog="Examples: umo recording info run.mcap  |  umo recording info run.mcap --json",
+    epilog="Examples: umo run ztheta --record run.mcap  |  umo recording info run.mcap  |  "
+    "umo recording info run.mcap --json",
     status="0 done; 2 the file is not a recording (see stderr)",
 )
 def info(file: RecordingFile, as_json: Json = False) -> int:
@@ -133,9 +144,9 @@ def info(file: RecordingFile, as_json: Json = False) -> int:
 
 
 @command(
-    epilog="Examples: umo recording export run.mcap --out run.parquet  |  "
+    epilog="Examples: umo run ztheta --record run.mcap  |  umo recording export run.mcap --out run.parquet  |  "
     "umo recording export run.mcap z --out z.csv --from 2 --to '5 s'  |  "
-    "umo recording export run.mcap 'zones.*.temperature' --out run.npz",
+    "umo recording export run.mcap '*.encoder' --out run.npz",
     status=FROM_RECORDING,
 )
 def export(
@@ -163,7 +174,7 @@ def export(
 
 
 @command(
-    epilog="Examples: umo recording plot run.mcap  |  "
+    epilog="Examples: umo run ztheta --record run.mcap  |  umo recording plot run.mcap  |  "
     "umo recording plot run.mcap z gripper.vacuum --from 2 --to 5 --out z.png",
     status=FROM_RECORDING,
 )
@@ -184,7 +195,8 @@ def plot(
 
 
 @command(
-    epilog="Examples: umo recording replay run.mcap  |  umo recording replay run.mcap my-machine  |  "
+    epilog="Examples: umo run ztheta --record run.mcap  |  umo recording replay run.mcap  |  "
+    "umo recording replay run.mcap ztheta  |  "
     "umo recording replay run.mcap --set z.servo.gain=0.004  |  umo recording replay run.mcap --at 12.3s  |  "
     "umo recording replay run.mcap --break 'abs(z.servo.error) > 50'",
     status="0 the commands are identical; 1 they differ; 2 the recording cannot be replayed, or the command line is "
@@ -241,8 +253,9 @@ def replay(
 
 
 @command(
-    epilog="Examples: umo recording shrink run.mcap  |  umo recording shrink run.mcap -o test_crash.py --for 600  |  "
-    "umo recording shrink run.mcap --closed",
+    epilog="Examples: umo run ztheta --record failed.mcap --fault 'z.encoder stuck at 5 s'  |  "
+    "umo recording shrink failed.mcap  |  umo recording shrink failed.mcap -o test_crash.py --for 600  |  "
+    "umo recording shrink failed.mcap -o test_closed.py --closed",
     status="0 done; 2 the recording has no error and no difference, or the command line is wrong (see stderr)",
 )
 def shrink(
@@ -278,7 +291,9 @@ def shrink(
     return shrink_file(file, CodeGiven(station, wiring), out, lasting, closed)
 
 
-@command(epilog="Examples: umo recording runs  |  umo recording runs press  |  umo recording runs press --keep-runs 20")
+@command(
+    epilog="Examples: umo recording runs  |  umo recording runs ztheta  |  umo recording runs ztheta --keep-runs 20"
+)
 def runs(
     station: Annotated[
         str | None,
@@ -298,7 +313,7 @@ def runs(
 
 
 @command(
-    epilog="Examples: umo recording history  |  umo recording history /srv/history --stations 'cell7/*' --last 30d  |  "
+    epilog="Examples: umo recording history  |  umo recording history --stations 'cell7/*' --last 30d  |  "
     "umo recording history --connect tls/plant.local:7447 --certificates ~/fleet/history",
     status="0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 the command line is wrong (see stderr)",
 )
@@ -332,7 +347,7 @@ def history(
 
 
 @command(
-    epilog='Examples: umo recording query "FROM gaps" /srv/history --out gaps.csv  |  '
+    epilog='Examples: umo recording query "FROM gaps" --out gaps.csv  |  '
     'umo recording query "SELECT station, path, avg(value) FROM values '
     'WHERE time > now() - INTERVAL 1 HOUR GROUP BY ALL"  |  '
     "umo recording query \"SELECT * FROM events WHERE asked = 'fault' AND time::DATE = '2026-11-25'\"",

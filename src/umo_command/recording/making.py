@@ -6,11 +6,12 @@ import signal
 import threading
 import time
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from umo.duration import duration, lasting
-from umo.errors import FramesError, UmoError, text_of
+from umo.errors import FramesError, OptionError, UmoError, text_of
 from umo.exit_status import ExitStatus
 from umo.process.frames import RunReader
 from umo_command.background import step_back
@@ -19,8 +20,10 @@ from umo_command.progress_line import OneLine
 from umo_command.run.record_beside import SUFFIX, check_installed, order_of
 
 
-def record_station(station: str, file: Path | None, changes: Mapping[str, Any]) -> int:
-    """Record a running station until it ends, or Ctrl-C or SIGTERM."""
+def record_station(station: str, file: Path | None, limit: float | None, changes: Mapping[str, Any]) -> int:
+    """Record a running station until it ends, for a time in s at most, or until Ctrl-C or SIGTERM."""
+    if limit is not None and changes.get("last") is not None:
+        raise OptionError("--for ends a recording, and --last is a flight recorder, which saves nothing at its end")
     order = order_of(file, changes, None, _default(station))
     from umo.process.frames.search import find_running
     from umo.recording.record_settings import RecordSettings
@@ -31,15 +34,16 @@ def record_station(station: str, file: Path | None, changes: Mapping[str, Any]) 
         step_back()
         settings = RecordSettings(**order.settings)
         work, began = RecordingWork(reader, order.file, settings, say), time.monotonic()
-        out.print(_opening(reader, order.file, settings.last), soft_wrap=True)
+        end = began + (inf if limit is None else limit)
+        out.print(_opening(reader, order.file, settings.last, limit), soft_wrap=True)
         with OneLine(err) as line:
 
             def pause(seconds: float) -> None:
                 if err.is_terminal:
                     line.show(time.monotonic() - began, work.progress, None)
-                stop.wait(seconds)
+                stop.wait(min(seconds, max(end - time.monotonic(), 0.0)))
 
-            record_to_the_end(work, stop.is_set, pause)
+            record_to_the_end(work, lambda: stop.is_set() or time.monotonic() >= end, pause)
     return ExitStatus.NOT_RECORDED if work.failed else 0
 
 
@@ -51,7 +55,7 @@ def _stop_on_signals() -> threading.Event:
     return stop
 
 
-def _opening(reader: RunReader, file: Path, last: float | None) -> str:
+def _opening(reader: RunReader, file: Path, last: float | None, limit: float | None) -> str:
     """Return the lines printed at the start: what is recorded, and how to end it."""
     frame = reader.latest()
     name, since = reader.title, 0.0 if frame is None else float(frame["time"])
@@ -60,7 +64,8 @@ def _opening(reader: RunReader, file: Path, last: float | None) -> str:
     before = f", with the {duration(since - float(oldest[0]))} before this command" if len(oldest) else ""
     state = f"{reader.state} for {lasting(since)}"
     if last is None:
-        return f"recording {name} ({state}) in {file}{before}; Ctrl-C ends the recording, and the machine continues"
+        end = "Ctrl-C" if limit is None else f"--for {duration(limit)}, or Ctrl-C,"
+        return f"recording {name} ({state}) in {file}{before}; {end} ends the recording, and the machine continues"
     station = reader.about["station"]
     return (
         f"keeping the last {duration(last)} of {name} ({state}); this time is saved by umo recording save {station}, "

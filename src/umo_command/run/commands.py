@@ -26,11 +26,12 @@ command = HelpPanel("Run")
 
 @command(
     epilog="Examples: umo run ztheta  |  umo run furnace --realtime  |  umo run ztheta --parts 2 --turn 45  |  "
-    "umo run ztheta -w modbus  |  umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
+    "umo run ztheta -w second_generation  |  umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
     status="0 the application has returned; 1 the machine, a device or code failed; 2 the command line, the wiring or "
     "a declaration is wrong, and nothing ran; 3 an actuator is not at its default; 4 the folder runs/ cannot be "
     "written: nothing ran, or the run succeeded but its record is incomplete; 124 --until ended the run; 130 Ctrl-C "
-    "ended the run; 128 plus N: signal number N ended the run",
+    "ended the run; 128 plus N: signal number N ended the run; 143 also after `umo do "
+    "STATION stop`",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
 )
@@ -103,6 +104,8 @@ def run(
 
     The options of the station are the parameters of its machine, its application and its drivers. They follow its
     name.
+    `umo show parts STATION` shows where the files of a station are. To change a station that ships with umo, such as
+    its wiring, make a copy of your own: `umo new station NAME --copy STATION`.
 
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
     The faces of the wiring are served by another process. Changes of alarms and of the mode, faults and interlocks

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,8 @@ class RecordedRun:
     """Exit status; None unless the run has ended."""
     how: str
     """The failure of the run, who has stopped it, or "--until"; "" if none applies, or this is not known."""
+    started: float
+    """Wall-clock time in s of the start; 0 if it is not known."""
     written: float
     """Wall-clock time in s at which the folder was last changed."""
 
@@ -171,7 +174,7 @@ def recorded(station: str | None = None) -> Iterator[RecordedRun]:
         summary = _read(folder / "summary.json")
         status = summary.get("status") if isinstance(summary.get("status"), int) else None
         state = "ended" if status is not None else "running" if _lives(about) else "killed"
-        yield RecordedRun(folder, name, state, status, _how(summary), _written(folder))
+        yield RecordedRun(folder, name, state, status, _how(summary), _started(about), _written(folder))
 
 
 def _how(summary: dict[str, Any]) -> str:
@@ -198,6 +201,13 @@ def prune(keep: int, station: str | None = None) -> dict[Path, int]:
 
 def _encoded(text: str) -> bytes:
     return text.encode("utf-8", "backslashreplace")
+
+
+def _started(about: dict[str, Any]) -> float:
+    try:
+        return datetime.fromisoformat(str(about.get("started"))).timestamp()
+    except (ValueError, OverflowError, OSError):
+        return 0.0
 
 
 def _written(folder: Path) -> float:

@@ -9,7 +9,15 @@ import typer
 
 from umo.errors import OptionError
 from umo_command import completion
-from umo_command.options import Json, StationName, WiringName, out_option, running_argument, time_option
+from umo_command.options import (
+    MACHINE_OPTIONS,
+    Json,
+    StationName,
+    WiringName,
+    out_option,
+    running_argument,
+    time_option,
+)
 from umo_command.shared import group
 
 command = group(
@@ -47,8 +55,7 @@ def stations(
 
 @command(
     epilog="Examples: umo show values  |  umo show values z gripper.vacuum  |  "
-    "umo show values 'zones.*.temperature'  |  "
-    "umo show values ztheta z.encoder --for 10"
+    "umo show values '*.encoder' --once  |  umo show values ztheta z.encoder --for 10"
 )
 def values(
     words: Annotated[
@@ -68,6 +75,8 @@ def values(
     Similar objects of a list are folded into one line. Keys in a terminal: arrows, page up, page down, home and end
     move the cursor; enter folds or unfolds a line; 'a' folds or unfolds all lines; 'q' quits. If the output is not a
     terminal, or with --once, every object is shown once.
+
+    For the examples, start `umo run ztheta --manual` in another terminal.
     """
     from umo_command.show.values_live import watch as show
 
@@ -76,8 +85,8 @@ def values(
 
 @command(
     epilog="Examples: umo show page  |  umo show page ztheta --open  |  umo show page --port 8300  |  "
-    "umo show page run.mcap  |  umo show page today.mcap yesterday.mcap  |  "
-    "umo show page --fleet  |  umo show page --host 0.0.0.0 --certificate cell.pem --key cell.key",
+    "umo run ztheta --record run.mcap  |  umo show page run.mcap  |  umo show page --fleet  |  "
+    "umo show page --host 0.0.0.0 --token SECRET-TEXT --certificate cell.pem --key cell.key",
     status="0 ended by Ctrl-C; 2 the command line is wrong (see stderr)",
 )
 def page(
@@ -173,8 +182,7 @@ def page(
 
 @command(
     epilog="Examples: umo show why  |  umo show why ztheta  |  umo show why ztheta --now  |  "
-    "umo show why --file kept.box  |  "
-    "umo show why conveyor sorter.diverter"
+    "umo show why ztheta z.motor"
 )
 def why(
     station: Annotated[str | None, running_argument("[STATION]", "Name of a station; default: all stations.")] = None,
@@ -194,10 +202,13 @@ def why(
 ) -> None:
     """Show why the last run ended, and why periods were missed: how long each phase took, and the cause.
 
-    The times come from the newest black box, which is written when a period is missed or a run fails. The last faults
+    The last run is the newest one in runs/; without runs/ it is that of the newest black box. The times come from the
+    newest black box of the run, which is written when a period is missed or a run in real time fails. The last faults
     of equipment are also shown. A named station that runs is shown as with `--now` if equipment is in fault, or if the
     run has no black box yet. If you give the path of an actuator, the command shows its claim: who drives the
     actuator, and why. It also shows which value the actuator gets when this claim ends.
+
+    For the examples, start `umo run ztheta --manual` in another terminal.
     """
     option = "--now" if now else "" if file is None else "--file"
     if option and path is not None:
@@ -240,10 +251,10 @@ def parts(
 
 
 @command(
-    epilog="Examples: umo show period conveyor  |  umo show period ztheta z",
-    context_settings={"ignore_unknown_options": True},
+    epilog="Examples: umo show period conveyor  |  umo show period ztheta -w second_generation",
+    context_settings=MACHINE_OPTIONS,
 )
-def period(station: StationName, words: PartPath = None, wiring: WiringName = None) -> int:
+def period(context: typer.Context, station: StationName, wiring: WiringName = None) -> int:
     """Show the phases of a machine's period, and the parts that act in each.
 
     Options of the machine follow the station's name.
@@ -251,7 +262,7 @@ def period(station: StationName, words: PartPath = None, wiring: WiringName = No
     from umo.process.station import find
     from umo_command.show.period_table import show_period
 
-    return show_period(find(station), wiring, words or [])
+    return show_period(find(station), wiring, context.args)
 
 
 @command(epilog="Examples: umo show latency  |  umo show latency --period 500us --for '1 min' --load")

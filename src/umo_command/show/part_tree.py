@@ -17,6 +17,7 @@ from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_pattern, named
 from umo.objects.presentation.rows import FOLDED_FROM, folded
 from umo.process.station import Station, StationError
+from umo.text import printable, shown_path
 from umo.wiring import check
 from umo.wiring.patterns import expand
 from umo.wiring.source import WiringSource, read
@@ -43,6 +44,8 @@ def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), e
     tree = Tree(label((path or kind, "bold"), *[(kind, "dim")] * bool(path and kind), (name, "dim")))
     _Branches(source, fold=not everything).add(tree, parts, parts)
     out.print(tree)
+    if path is None:
+        out.print(f"files of {station.name}: {printable(shown_path(str(station.path)))}", style="dim", soft_wrap=True)
     return 2 if reported(check(machine, file)) else 0
 
 

@@ -21,9 +21,9 @@ from umo.process.frames.layout import USAGE
 from umo.process.frames.search import frames_at, reading, station_name
 from umo.system.folders import modified
 from umo.system.packages import SHIPPED
-from umo.text import Moment, did_you_mean, printable, shown_path
+from umo.text import Moment, did_you_mean, printable, shown_path, time_of_day
 from umo_command.console import out
-from umo_command.run.long_runs import newest, recorded
+from umo_command.run.long_runs import RecordedRun, newest, recorded
 from umo_command.run.record_beside import SUFFIX, check_installed
 from umo_command.run.run_folder import RUNS
 from umo_command.show.stations import attach, how_to_clear
@@ -41,17 +41,19 @@ PART_TITLES = {WAKE: "waking up", AFTER: "after update"}
 
 
 def why(station: str | None, now: bool, file: Path | None) -> int:
+    run = None if now or file is not None else _last_run(station)
+    if run is not None and run.state == "running":
+        station = run.station
     now = now or (file is None and station is not None and _is_shown_live(station))
     if now:
         file = _keep(station)
+    elif file is None and run is not None:
+        out.print(f"the last run in {RUNS}/: {printable(run.sentence)}", style="bold", soft_wrap=True)
+        if (file := _box_of(run)) is None:
+            _say_without_box(run)
+            return 0
     elif file is None:
-        is_told = _show_end(station)
-        try:
-            file = _newest(station)
-        except FramesError:
-            if is_told:
-                return 0
-            raise
+        file = _newest(station)
     elif file.suffix == SUFFIX:
         _report_recording(file)
         return 0
@@ -60,14 +62,27 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
     return 0
 
 
-def _show_end(station: str | None) -> bool:
-    """Print how the newest run in `runs/`, of one station or of all stations, has ended. Return False if there is no
-    run that has ended."""
-    runs = newest(recorded(station and station_name(station)))
-    if not runs or runs[0].state == "running":
-        return False
-    out.print(f"the last run in {RUNS}/: {printable(runs[0].sentence)}", style="bold", soft_wrap=True)
-    return True
+def _last_run(station: str | None) -> RecordedRun | None:
+    """Return the newest run in `runs/`, of one station or of all stations, or None if there is no run."""
+    return next(iter(newest(recorded(station and station_name(station)))), None)
+
+
+def _boxes_of(station: str) -> list[Path]:
+    """Return the black boxes of a station, oldest first."""
+    return [path for path in blackbox.boxes(blackbox.folder()) if _is_of(path, station)]
+
+
+def _box_of(run: RecordedRun) -> Path | None:
+    """Return the newest black box of a run, or None if it has none."""
+    return next((path for path in reversed(_boxes_of(run.station)) if modified(path) >= run.started), None)
+
+
+def _say_without_box(run: RecordedRun) -> None:
+    """Say that a run has no black box, and name the newest one of an earlier run."""
+    out.print("this run has no black box; a run in real time writes one when a period is missed or the run fails")
+    if earlier := _boxes_of(run.station):
+        when = time_of_day(modified(earlier[-1]))
+        out.print(f"an earlier run has one, of {when}: `umo show why --file {earlier[-1]}`", soft_wrap=True)
 
 
 def _is_shown_live(station: str) -> bool:
@@ -81,7 +96,7 @@ def _is_shown_live(station: str) -> bool:
         name, started = str(reader.about["station"]), float(reader.about["started"])
         if reader.faults(reader.latest()):
             return True
-        return not any(_is_of(box, name) and modified(box) >= started for box in blackbox.boxes(blackbox.folder()))
+        return not any(modified(box) >= started for box in _boxes_of(name))
 
 
 def _is_of(box: Path, station: str) -> bool:
@@ -119,7 +134,8 @@ def _report(reader: RunReader, file: Path, now: bool) -> None:
     frames, about = reader.read(), reader.about
     if not len(frames):
         raise FramesError(f"{file} contains no period")
-    out.print(f"{reader.title}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
+    began, kept = time_of_day(about["started"]), blackbox.kept_at(about)
+    out.print(f"{reader.title}, run since {began}; black box of {kept}: {about.get('reason', '')}", soft_wrap=True)
     out.print(
         f"the last {len(frames)} periods of {duration(about['period'])}; {reader.now().missed} missed in the whole run"
     )

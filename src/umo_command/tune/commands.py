@@ -37,7 +37,10 @@ def number(
     ] = None,
     take: Take = False,
 ) -> None:
-    """Change or show a tunable number of a running station, or list all tunable numbers."""
+    """Change or show a tunable number of a running station, or list all tunable numbers.
+
+    For the examples, start `umo run ztheta --manual` in another terminal.
+    """
     from umo_command.do.commanding import tune
 
     tune(station, path, value, take)
@@ -49,6 +52,8 @@ def save(station: Running) -> None:
 
     Copy the lines into the table `parameters` of the wiring file. A number that is declared with kept=True needs no
     line: the next run begins with its last value.
+
+    For the examples, start `umo run ztheta --manual` in another terminal.
     """
     from umo_command.do.commanding import station_of
     from umo_command.tune.kept import save_tuned
@@ -58,7 +63,8 @@ def save(station: Running) -> None:
 
 
 @command(
-    epilog="Examples: umo tune kept press  |  umo tune kept press -w modbus  |  umo tune kept press --forget count",
+    epilog="Examples: umo run conveyor --realtime --until 5  |  umo tune kept conveyor  |  "
+    "umo tune kept conveyor --forget sorter.in_bin",
     status="0 done; 2 nothing is kept, a run is using the values, or the command line is wrong (see stderr)",
 )
 def kept(
@@ -89,8 +95,8 @@ def kept(
 
 @command(
     epilog="Examples: umo tune law furnace zones.3 --relay 5% --at '3 min' --peak 300  |  umo tune law furnace zones.3 "
-    "--step 10% --within 50 --at '3 min' --peak 300  |  umo tune law furnace zones.3 --file trace.csv --from '2 min'  "
-    "|  umo tune law ztheta z --moves '20 mm'  |  umo tune law ztheta z --file run.mcap",
+    "--step 10% --within 50 --at '3 min' --peak 300  |  umo run ztheta --record run.mcap  |  "
+    "umo tune law ztheta z --file run.mcap --from '5 s'  |  umo tune law ztheta z --moves '20 mm'",
     status="0 gains were found; 1 the experiment or the machine failed; 2 no gains can be found, or the command line "
     "is wrong (see stderr); 130 Ctrl-C: the old output was restored, and the law is in control again",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
@@ -193,6 +199,9 @@ def law(
 
     The command prints the gains, and the lines with which you try and keep them. It changes no gain, except with
     --cascade: during the experiment on the outer law, the inner law has its new gains.
+
+    For the example with --moves, start `umo run ztheta --manual` in another terminal, and give `umo do ztheta call
+    home`.
     """
     from umo_command.tune.law import TuningOrder
     from umo_command.tune.law import tune_law as work

@@ -18,7 +18,7 @@ from umo.commissioning.tuning.plain_result import as_data, finite, settings_of
 from umo.commissioning.tuning.recorded_response import recorded_response
 from umo.commissioning.tuning.tuning_result import FASTER, TuningResult, tuned, tuned_axis
 from umo.cycle.law_loops import Loops
-from umo.errors import FramesError, OptionError
+from umo.errors import FramesError, OptionError, RangeError
 from umo.objects import numbers_of
 from umo.objects.laws import laws_in
 from umo.objects.presentation.rows import families, folded
@@ -248,7 +248,10 @@ def _amplitude(option: str, text: str, facts: LawFacts) -> float:
         if not isfinite(facts.ranges[1]):
             raise OptionError(f"{option}: {text} is a share of a range, and {facts.actuator} has no range")
         return float(number(option, text.strip()[:-1], "")) * facts.ranges[1] / 100.0
-    return difference(option, text, facts.units[1])
+    try:
+        return difference(option, text, facts.units[1])
+    except RangeError as error:
+        raise RangeError(f"{error}; a share of the range of {facts.actuator} is possible too, such as 10%") from error
 
 
 # Without one -----------------------------------------------------------------------------------------------

@@ -469,7 +469,7 @@ def test_every_verb_of_alarms_is_a_method_of_each_and_of_the_machine() -> None:
         assert await ann.method(alarm, f"{alarm}/RemoveFromService") == "out of service: cell.full"
         assert await ann.method("machine", "command:return to service", "cell.full") == "returned to service: cell.full"
         assert await ann.method("machine", "command:acknowledge alarm", "cell.full") == "acknowledged: cell.full"
-        assert await ann.method(alarm, f"{alarm}/Shelve", 60.0) == "shelved: cell.full"
+        assert await ann.method(alarm, f"{alarm}/Shelve", 60.0) == "shelved for 60 s, or until the run ends: cell.full"
         assert await ann.method("machine", "command:unshelve", "cell.full") == "unshelved: cell.full"
         with pytest.raises(RefusedByFace, match="it cannot be reset"):
             await ann.method(alarm, f"{alarm}/Reset")

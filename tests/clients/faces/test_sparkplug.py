@@ -350,7 +350,7 @@ def test_every_verb_is_a_metric(broker: Mosquitto) -> None:
                     for verb, more, done in (
                         ("remove_from_service", {}, "out of service: cell.full"),
                         ("return_to_service", {}, "returned to service: cell.full"),
-                        ("shelve", {"time": "10 min"}, "shelved: cell.full"),
+                        ("shelve", {"time": "10 min"}, "shelved for 600 s, or until the run ends: cell.full"),
                         ("unshelve", {}, "unshelved: cell.full"),
                     ):
                         given = json.dumps({"path": "cell.full", **more})

@@ -281,10 +281,7 @@ class Watched:
     def utc(self) -> float | None:
         """The UTC in s since 1970 at which the cycle's time was 0; None for a run that does not keep the pace of the
         wall clock."""
-        frame = self._frame
-        if frame is None or not self.reader.about.get("realtime"):
-            return None
-        return round((int(frame["began"]) + int(frame["utc"])) * 1e-9 - float(frame["time"]), 3)
+        return self.reader.utc(self._frame)
 
     @property
     def now(self) -> float:

@@ -161,15 +161,15 @@ class RemoteStation(Commander, RemotePart):
         return str(self.carry_out(SHELVE, path, {"time": time}))
 
     def unshelve(self, path: str) -> str:
-        """End the shelving of alarms before its time is over."""
+        """Show shelved alarms again, before their time is over."""
         return str(self.carry_out(UNSHELVE, path))
 
     def remove_from_service(self, path: str) -> str:
-        """Remove alarms from service for maintenance, until they are returned to service."""
+        """Remove alarms from service for maintenance, also in later runs, until they are returned to service."""
         return str(self.carry_out(REMOVE_FROM_SERVICE, path))
 
     def return_to_service(self, path: str) -> str:
-        """Return removed alarms to service."""
+        """Return alarms to service that were removed from it."""
         return str(self.carry_out(RETURN_TO_SERVICE, path))
 
     @property

@@ -145,6 +145,7 @@ def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: st
     if alarms is None:
         raise CommandRefused("the machine has no alarms")
     done, words = DONE[operation], f"for {duration(seconds)}" if seconds else ""
+    told = f"{done} {words}, or until the run ends" if seconds else done
     rows = named(alarms, path)
     able = alarms.able(rows, operation)
     if not able and operation is Operation.ACKNOWLEDGE:
@@ -152,7 +153,7 @@ def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: st
     if not able and path in alarms.paths:
         raise CommandRefused(f"{path} is {alarms.state_of(rows[0])}: it cannot be {done}")
     alarms.request(able, AlarmRequest(operation, who, seconds, words))
-    return f"{done}: {some([alarms.paths[row] for row in able])}" if able else f"none of these alarms can be {done}"
+    return f"{told}: {some([alarms.paths[row] for row in able])}" if able else f"none of these alarms can be {done}"
 
 
 def named(alarms: AlarmEngine, path: str) -> Sequence[int]:

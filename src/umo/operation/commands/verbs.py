@@ -149,8 +149,8 @@ GIVE_BACK = Verb(
     role=Role.TUNE, of_many=True, is_of_lease=True,
 )  # fmt: skip
 STOP = Verb(
-    "stop", "End the run as a signal does: every actuator goes to its default.", _stop, role=Role.OPERATE,
-    needs_lease=False, is_level=True,
+    "stop", "End the run as SIGTERM does, with status 143: every actuator goes to its default.", _stop,
+    role=Role.OPERATE, needs_lease=False, is_level=True,
 )  # fmt: skip
 MODE = Verb(
     "mode", "Change the mode. In manual mode the application waits, and clients drive the machine.", _change_mode,
@@ -191,18 +191,20 @@ RESET_ALARM = _of_alarms(
     "reset alarm", "Reset latched alarms that are acknowledged and no longer active.", Operation.RESET, Role.OPERATE
 )
 SHELVE = _of_alarms(
-    "shelve", "Hide alarms for a time.", Operation.SHELVE, Role.MAINTAIN,
+    "shelve", "Hide alarms for a time, or until the run ends.", Operation.SHELVE, Role.MAINTAIN,
     VerbArgument("time", ArgumentKind.TIME, 'The time in s, or a string such as "10 min".', "s", 1e-3, LONGEST_SHELF),
 )  # fmt: skip
-UNSHELVE = _of_alarms("unshelve", "End the shelving of alarms before its time.", Operation.UNSHELVE, Role.MAINTAIN)
+UNSHELVE = _of_alarms(
+    "unshelve", "Show shelved alarms again, before their time is over.", Operation.UNSHELVE, Role.MAINTAIN
+)
 REMOVE_FROM_SERVICE = _of_alarms(
     "remove from service",
-    "Remove alarms from service for maintenance, until they are returned.",
+    "Remove alarms from service for maintenance, also in later runs, until they are returned to service.",
     Operation.REMOVE,
     Role.MAINTAIN,
 )
 RETURN_TO_SERVICE = _of_alarms(
-    "return to service", "Return removed alarms to service.", Operation.RETURN, Role.MAINTAIN
+    "return to service", "Return alarms to service that were removed from it.", Operation.RETURN, Role.MAINTAIN
 )
 
 VERBS: dict[str, Verb] = {

@@ -233,6 +233,13 @@ class RunReader(ABC):
         values = ((path, signals[place], float(frame["signals"][place])) for path, place in found)
         return {path: about.state(value) for path, about, value in values if isfinite(value)}
 
+    def utc(self, frame: Any) -> float | None:
+        """Return the UTC in s since 1970 at which the cycle's time was 0; None without a frame, and for a run that does
+        not keep the pace of the wall clock."""
+        if frame is None or not self.about.get("realtime"):
+            return None
+        return round((int(frame["began"]) + int(frame["utc"])) * 1e-9 - float(frame["time"]), 3)
+
     # In words ------------------------------------------------------------------------------------------
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -158,7 +158,7 @@ class Physics:
 
 def _build(rng: np.random.Generator, half: float, places: Sequence[float]) -> Any:
     """Return plant.xml with the courier's pallet cut to length and the parts scattered on it."""
-    spec = mj.MjSpec.from_string(files("umo.stations.ztheta").joinpath("plant.xml").read_text("utf-8"))
+    spec = mj.MjSpec.from_string(Path(__file__).with_name("plant.xml").read_text("utf-8"))
     spec.geom("pallet").size[0] = half
     box = spec.find_default("part")
     for i, place in enumerate(places):

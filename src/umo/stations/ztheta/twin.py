@@ -1,6 +1,6 @@
 """The twin of the z-theta station: the bodies of plant.xml moved by the encoders, the part that is held, the valves."""
 
-from importlib.resources import files
+from pathlib import Path
 
 from umo.plant.twin import Body, Colour, Cuboid, Cylinder, Sphere, Twin, Visible
 
@@ -12,7 +12,7 @@ OFF, ON, PUFF = "#3a4048", "#2ea043", "#1f9cf0"
 def twin(machine: Manipulator) -> Twin:
     """Return the twin. z counts the height of the cup's tip in um; theta is positive clockwise, seen from above, like
     the model's joints. No object of the machine knows the positions of the courier and its parts."""
-    model = files("umo.stations.ztheta").joinpath("plant.xml").read_text("utf-8")
+    model = Path(__file__).with_name("plant.xml").read_text("utf-8")
     return Twin.from_mujoco(model, joints={"z": "z.encoder", "theta": "theta.encoder"}, more=[
         Body(
             "part", [Cuboid((0.02, 0.02, 0.01), position=(0, 0, -0.005), colour="#339e4d")],
