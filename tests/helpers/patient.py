@@ -16,4 +16,7 @@ def patient(name: str, folder: Path) -> Path:
 
 
 def conveyor(folder: Path) -> Path:
-    return patient("conveyor", folder)
+    """With a fifth of the periods: its plant computes each of them in one."""
+    wiring = patient("conveyor", folder)
+    wiring.write_text(wiring.read_text("utf-8").replace('period = "2 ms"', 'period = "10 ms"'))
+    return wiring
