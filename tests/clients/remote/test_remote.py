@@ -219,6 +219,27 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
 # A running station --------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, dict[str, str]]]:
+    """The pid of one for the tests that leave it as it was, in manual mode; its frames and records are in folders of
+    its own."""
+    folders = {name: str(tmp_path_factory.mktemp(name.lower())) for name in ("UMO_STATE", "UMO_FRAMES")}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, folder in folders.items():
+            patch.setenv(name, folder)
+        wiring = conveyor(tmp_path_factory.mktemp("wiring"))
+        with umo.start("conveyor", wiring, manual=True, realtime=True) as started:
+            until(lambda: started.stage.name == "RUNNING")
+            yield started.pid, folders
+
+
+@pytest.fixture
+def pid(started: tuple[int, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> int:
+    for name, folder in started[1].items():
+        monkeypatch.setenv(name, folder)
+    return started[0]
+
+
 def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
     with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.stage.name == "RUNNING")
@@ -268,27 +289,25 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
         assert (outcome.stopped_by, outcome.stopped_who) == (signal.SIGTERM, "ann, a test (pid 1)")
 
 
-def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_path: Path) -> None:
+def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(pid: int) -> None:
     code = (
         "import sys, time, umo\nstation = umo.attach(int(sys.argv[1]))\n"
         "with station.lease('a client', seconds=1.0):\n"
         "    station.sorter.diverter.write('ON')\n    station.sorter.belt.run_at(0.3)\n"
         "    print('held', flush=True)\n    time.sleep(60)\n"
     )
-    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
-        until(lambda: started.stage.name == "RUNNING")
-        client = subprocess.Popen([sys.executable, "-c", code, str(started.pid)], stdout=subprocess.PIPE)
-        assert client.stdout is not None
-        assert client.stdout.readline() == b"held\n"
-        with umo.attach(started.pid) as station:
-            until(lambda: station.sorter.diverter.read() == "ON" and station.sorter.belt.setpoint.read() > 0.2)
-            client.send_signal(signal.SIGKILL)
-            client.communicate()
-            until(lambda: station.sorter.diverter.read() == "OFF" and station.sorter.belt.setpoint.read() == 0.0)
-            until(lambda: station.reader.now().holder == "")
-            texts = [event.text for event in station.events]
-            assert texts.count("dead-man timeout") == 2  # the actuator, and the action by itself
-            assert any("was not renewed" in text for text in texts)
+    client = subprocess.Popen([sys.executable, "-c", code, str(pid)], stdout=subprocess.PIPE)
+    assert client.stdout is not None
+    assert client.stdout.readline() == b"held\n"
+    with umo.attach(pid) as station:
+        until(lambda: station.sorter.diverter.read() == "ON" and station.sorter.belt.setpoint.read() > 0.2)
+        client.send_signal(signal.SIGKILL)
+        client.communicate()
+        until(lambda: station.sorter.diverter.read() == "OFF" and station.sorter.belt.setpoint.read() == 0.0)
+        until(lambda: station.reader.now().holder == "")
+        texts = [event.text for event in station.events]
+        assert texts.count("dead-man timeout") == 2  # the actuator, and the action by itself
+        assert any("was not renewed" in text for text in texts)
 
 
 @pytest.mark.full
@@ -304,16 +323,14 @@ def test_what_is_held_lasts_under_a_lease_that_is_seldom_renewed(tmp_path: Path)
             until(lambda: lease.lost)
 
 
-def test_a_station_that_is_closed_gives_its_lease_back(tmp_path: Path) -> None:
-    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
-        until(lambda: started.stage.name == "RUNNING")
-        station = umo.attach(started.pid)
-        with station.lease():
-            station.sorter.diverter.write("ON")
-            station.close()
-        with umo.attach(started.pid) as again:
-            assert again.reader.now().holder == ""
-            until(lambda: again.sorter.diverter.read() == "OFF")
+def test_a_station_that_is_closed_gives_its_lease_back(pid: int) -> None:
+    station = umo.attach(pid)
+    with station.lease():
+        station.sorter.diverter.write("ON")
+        station.close()
+    with umo.attach(pid) as again:
+        assert again.reader.now().holder == ""
+        until(lambda: again.sorter.diverter.read() == "OFF")
 
 
 @pytest.mark.parametrize("seconds", [0.1, 61.0, nan])
@@ -326,17 +343,17 @@ def test_a_lease_that_would_end_before_it_is_renewed_is_refused(seconds: float) 
         station.lease(seconds=seconds)
 
 
-def test_the_application_waits_until_the_mode_is_automatic(tmp_path: Path) -> None:
-    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
-        until(lambda: started.stage.name == "RUNNING")
-        with umo.attach(started.pid) as station:
-            until(lambda: station.reader.head > 100)
-            assert station.progress.text == ""
-            with station.lease():
-                station.mode = "automatic"
-                until(lambda: station.progress.text != "")
-                with pytest.raises(CommandRefused, match="in manual mode only"):
-                    station.sorter.diverter.write("ON")
+def test_the_application_waits_until_the_mode_is_automatic(pid: int) -> None:
+    """The other tests of this station leave it in manual mode."""
+    with umo.attach(pid) as station:
+        until(lambda: station.reader.head > 20)
+        assert station.progress.text == ""
+        with station.lease():
+            station.mode = "automatic"
+            until(lambda: station.progress.text != "")
+            with pytest.raises(CommandRefused, match="in manual mode only"):
+                station.sorter.diverter.write("ON")
+            station.mode = "manual"
 
 
 def test_the_events_are_in_the_description_of_the_ring_and_readable_by_it_alone() -> None:
