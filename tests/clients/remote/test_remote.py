@@ -6,8 +6,8 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
@@ -220,73 +220,32 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
 
 
 @pytest.fixture(scope="module")
-def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, dict[str, str]]]:
-    """The pid of one for the tests that leave it as it was, in manual mode; its frames and records are in folders of
-    its own."""
+def stations(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[pytest.MonkeyPatch], umo.Started]]:
+    """Gives a station in manual mode: the same one to tests that leave it as it was, another after one that stops it.
+    Their frames and records are in folders of their own."""
     folders = {name: str(tmp_path_factory.mktemp(name.lower())) for name in ("UMO_STATE", "UMO_FRAMES")}
-    with pytest.MonkeyPatch.context() as patch:
+    wiring, begun = conveyor(tmp_path_factory.mktemp("wiring")), list[umo.Started]()
+
+    def station(patch: pytest.MonkeyPatch) -> umo.Started:
         for name, folder in folders.items():
             patch.setenv(name, folder)
-        wiring = conveyor(tmp_path_factory.mktemp("wiring"))
-        with umo.start("conveyor", wiring, manual=True, realtime=True) as started:
-            until(lambda: started.stage.name == "RUNNING")
-            yield started.pid, folders
+        if not begun or begun[-1].outcome is not None:
+            begun.append(stack.enter_context(umo.start("conveyor", wiring, manual=True, realtime=True)))
+            until(lambda: begun[-1].stage.name == "RUNNING")
+        return begun[-1]
+
+    with ExitStack() as stack:
+        yield station
 
 
 @pytest.fixture
-def pid(started: tuple[int, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> int:
-    for name, folder in started[1].items():
-        monkeypatch.setenv(name, folder)
-    return started[0]
+def started(stations: Callable[[pytest.MonkeyPatch], umo.Started], monkeypatch: pytest.MonkeyPatch) -> umo.Started:
+    return stations(monkeypatch)
 
 
-def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
-    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
-        until(lambda: started.stage.name == "RUNNING")
-        with umo.attach(started.pid) as station:
-            until(lambda: station.reader.head > 5)
-            assert station.mode == "manual"
-            assert {"belt", "push", "window"} <= set(dir(station.sorter))
-            assert station.sorter.diverter.read() == "OFF"
-            with pytest.raises(CommandRefused, match="nobody has the lease"):
-                station.sorter.push()
-            with station.lease("a test") as lease:
-                assert station.reader.now().holder == "a test"
-                with (
-                    pytest.raises(
-                        CommandRefused, match=r"a test has the lease; take it over with station\.lease\(over=True\)"
-                    ),
-                    umo.attach(started.pid) as other,
-                ):
-                    other.lease("another").__enter__()
-                with pytest.raises(RangeError, match=r"window: 1000 mm is outside 1 to 100"):
-                    station.sorter.window = 1000.0
-                station.sorter.window = 30.0
-                assert station.sorter.window == 30.0  # at once
-                station.sorter.diverter.write("ON")
-                until(lambda: station.sorter.diverter.read() == "ON")
-                assert station.sorter.diverter.inhibited == "taken by client: a test"
-                station.sorter.diverter.release()
-                until(lambda: station.sorter.diverter.read() == "OFF")
-                station.sorter.belt.run_at(0.2)
-                until(lambda: station.sorter.belt.speed.read() > 0.1)
-                station.sorter.belt.run_at(0.0)
-                assert not lease.lost
-            until(lambda: station.reader.now().holder == "")
-            with pytest.raises(AttributeError, match=r"sorter has no 'bellt' \(did you mean 'belt'\?\)"):
-                station.sorter.bellt  # noqa: B018
-            frames = station.frames(0.05)
-            assert set(frames) >= {"time", "sorter.belt.speed", "sorter.length"}
-            station.stop("ann, a test (pid 1)")
-            until(lambda: not station.running)
-            asked, end = station.events[-2:]
-            assert (asked.asked, asked.who) == ("stop", "ann, a test (pid 1)")
-            assert end.text == "stopped by ann, a test (pid 1)"
-            with pytest.raises(FramesError, match="conveyor has ended"):
-                station.stop()
-        outcome = started.wait(20)
-        assert outcome.failure is None
-        assert (outcome.stopped_by, outcome.stopped_who) == (signal.SIGTERM, "ann, a test (pid 1)")
+@pytest.fixture
+def pid(started: umo.Started) -> int:
+    return started.pid
 
 
 def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(pid: int) -> None:
@@ -354,6 +313,53 @@ def test_the_application_waits_until_the_mode_is_automatic(pid: int) -> None:
             with pytest.raises(CommandRefused, match="in manual mode only"):
                 station.sorter.diverter.write("ON")
             station.mode = "manual"
+
+
+def test_a_program_commands_a_running_station(started: umo.Started) -> None:
+    with umo.attach(started.pid) as station:
+        until(lambda: station.reader.head > 5)
+        assert station.mode == "manual"
+        assert {"belt", "push", "window"} <= set(dir(station.sorter))
+        assert station.sorter.diverter.read() == "OFF"
+        with pytest.raises(CommandRefused, match="nobody has the lease"):
+            station.sorter.push()
+        with station.lease("a test") as lease:
+            assert station.reader.now().holder == "a test"
+            with (
+                pytest.raises(
+                    CommandRefused, match=r"a test has the lease; take it over with station\.lease\(over=True\)"
+                ),
+                umo.attach(started.pid) as other,
+            ):
+                other.lease("another").__enter__()
+            with pytest.raises(RangeError, match=r"window: 1000 mm is outside 1 to 100"):
+                station.sorter.window = 1000.0
+            station.sorter.window = 30.0
+            assert station.sorter.window == 30.0  # at once
+            station.sorter.diverter.write("ON")
+            until(lambda: station.sorter.diverter.read() == "ON")
+            assert station.sorter.diverter.inhibited == "taken by client: a test"
+            station.sorter.diverter.release()
+            until(lambda: station.sorter.diverter.read() == "OFF")
+            station.sorter.belt.run_at(0.2)
+            until(lambda: station.sorter.belt.speed.read() > 0.1)
+            station.sorter.belt.run_at(0.0)
+            assert not lease.lost
+        until(lambda: station.reader.now().holder == "")
+        with pytest.raises(AttributeError, match=r"sorter has no 'bellt' \(did you mean 'belt'\?\)"):
+            station.sorter.bellt  # noqa: B018
+        frames = station.frames(0.05)
+        assert set(frames) >= {"time", "sorter.belt.speed", "sorter.length"}
+        station.stop("ann, a test (pid 1)")
+        until(lambda: not station.running)
+        asked, end = station.events[-2:]
+        assert (asked.asked, asked.who) == ("stop", "ann, a test (pid 1)")
+        assert end.text == "stopped by ann, a test (pid 1)"
+        with pytest.raises(FramesError, match="conveyor has ended"):
+            station.stop()
+    outcome = started.wait(20)
+    assert outcome.failure is None
+    assert (outcome.stopped_by, outcome.stopped_who) == (signal.SIGTERM, "ann, a test (pid 1)")
 
 
 def test_the_events_are_in_the_description_of_the_ring_and_readable_by_it_alone() -> None:
