@@ -86,7 +86,7 @@ def test_an_exception_in_control_code_is_named_with_its_place_and_the_outputs_ar
     where = r"\(at 0\.05 s, tank/control\.py:\d+ in control\)$"
     assert re.search(rf"umo: ZeroDivisionError: division by zero {where}", said(result))
     assert "Traceback" not in said(result)
-    assert "Traceback" in umo("run", "tank", "--traceback").output + _captured(tank)
+    assert "Traceback" in umo("run", "tank", "--traceback", "--no-plot").output + _captured(tank)
 
 
 def _captured(tank: Path) -> str:

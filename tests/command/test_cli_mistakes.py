@@ -104,7 +104,7 @@ def test_code_of_the_station_that_fails_in_virtual_time(
     umo: Umo, tank: Path, file: str, before: str, after: str, failing: str, words: str
 ) -> None:
     change(tank / file, before, after.format(failing))
-    result = umo("run", "tank")
+    result = umo("run", "tank", "--no-plot")
     assert result.exit_code == 1
     assert words in said(result)
     assert f"{file}:" in said(result)
@@ -180,7 +180,10 @@ def test_a_wiring_nested_500_deep_is_a_line(umo: Umo, tank: Path, tmp_path: Path
         refused(umo(*command, "-w", "deep.toml"), "deep.toml: cannot be read: it is nested too deeply")
 
 
-def test_brackets_in_names_are_shown_as_they_are(umo: Umo, tank: Path, tmp_path: Path) -> None:
+def test_brackets_in_names_are_shown_as_they_are(
+    umo: Umo, tank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("umo_command.run.plot.save_plot", lambda *given: "")
     own = tank.rename(tmp_path / "[red]tank")
     wiring = own / "wiring" / "simulated.toml"
     wiring = wiring.rename(wiring.with_name("[bold]:star:.toml"))

@@ -141,9 +141,15 @@ INTERACTIVE = {
 }
 
 
+TABS = [("umo run zt", "ztheta"), ("umo show wh", "why"), ("umo recording rep", "repair")]
+"""What is typed, and what a tab makes of it or shows; each takes a process of umo."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", first(1, INTERACTIVE))
-def test_a_tab_completes_in_the_shell(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("name", "tabs"), first(1, [("bash", TABS[:1]), ("bash", TABS), ("zsh", TABS)]))
+def test_a_tab_completes_in_the_shell(
+    name: str, tabs: list[tuple[str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if shutil.which(name) is None:
         pytest.skip(f"there is no {name}")
     monkeypatch.chdir(tmp_path)
@@ -152,12 +158,9 @@ def test_a_tab_completes_in_the_shell(name: str, tmp_path: Path, monkeypatch: py
     try:
         terminal.type(f"{prepare}; echo ready-$((40 + 2))\n")
         terminal.shows("ready-42")
-        terminal.type("umo recording rep\t")  # repair, or replay
-        terminal.shows("rep")
-        terminal.type("\x15umo show wh\t")
-        terminal.shows("why")
-        terminal.type("\x15umo run zt\t")
-        terminal.shows("ztheta")
+        for typed, completed in tabs:
+            terminal.type(f"\x15{typed}\t\t")  # bash shows several words at the second tab
+            terminal.shows(completed)
     finally:
         terminal.close()
 

@@ -13,12 +13,22 @@ def run_in(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", *words], cwd=folder, capture_output=True, text=True)
 
 
+def in_short(tests: Path) -> None:
+    """Fewer cycles, and less time for a loop-back to show a level, for make test; the tests below have all."""
+    text = tests.read_text()
+    for each, shorter in (("cycles=1000", "cycles=50"), ("gone=switched_off", "gone=switched_off, settle=0.2")):
+        assert each in text
+        text = text.replace(each, shorter)
+    tests.write_text(text)
+
+
 def test_a_new_driver_passes_its_own_tests(umo, tmp_path: Path) -> None:
     result = umo("new", "driver", "valve_island")
     assert result.exit_code == 0, result.stderr
     assert "umo device drivers valve_island:ValveIsland" in result.output
     assert 'type = "valve_island:ValveIsland"' in result.output
     assert sorted(file.name for file in tmp_path.glob("*.py")) == ["test_valve_island.py", "valve_island.py"]
+    in_short(tmp_path / "test_valve_island.py")
     tests = run_in(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "test_valve_island.py")
     assert tests.returncode == 0, tests.stdout
     assert "5 passed" in tests.stdout

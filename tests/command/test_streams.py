@@ -17,6 +17,7 @@ import pytest
 
 from helpers.tiers import first
 from umo.system import streams
+from umo_command.new.templates import make_station
 
 pytestmark = [
     pytest.mark.slow,
@@ -30,7 +31,7 @@ UMO = [sys.executable, "-c", "from umo_command import main; main()"]
 def tank(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A station that prints in every period."""
     folder = tmp_path_factory.mktemp("streams")
-    subprocess.run([*UMO, "new", "station", "tank"], cwd=folder, check=True, capture_output=True)
+    make_station(folder / "tank")
     control = folder / "tank" / "control.py"
     text = control.read_text()
     assert "self.regulator.control()" in text
@@ -69,6 +70,7 @@ def left(tank: Path) -> list[str]:
     first(
         1,
         [
+            "umo run tank --no-plot 2>&1 | head -2; exit ${PIPESTATUS[0]}",
             "umo run tank 2>&1 | head -2; exit ${PIPESTATUS[0]}",
             "umo run tank <&- >&- 2>&-",
             "umo run tank 2> >(exec true) | true; exit ${PIPESTATUS[0]}",
@@ -114,7 +116,7 @@ def test_a_terminal_that_is_closed_stops_the_run_safely(clocked: Path) -> None:
     child, terminal = pty.fork()
     if child == 0:
         os.chdir(clocked.parent)
-        os.execve(sys.executable, [*UMO, "run", "clocked"], os.environ | {"LASTS": "1 h"})
+        os.execve(sys.executable, [*UMO, "run", "clocked", "--no-plot"], os.environ | {"LASTS": "1 h"})
     seen = b""
     while b" s " not in seen:  # the status line, in seconds
         seen += os.read(terminal, 1000)

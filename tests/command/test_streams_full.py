@@ -235,11 +235,11 @@ class Valves(umo.Compound):
 def machine():
     valve = lambda: umo.DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01)
     timer = umo.DigitalSensor("sampling_period", minimum=0, maximum=99999, resolution=1, synchronous=False)
-    return Valves(timer=timer, valves=[valve() for _ in range(1000)])
+    return Valves(timer=timer, valves=[valve() for _ in range(200)])
 
 async def flap(m):
     away = 0
-    for _ in range(60):
+    for _ in range(20):
         for each in m.valves:
             each.write(5.0)
         print("x" * 2000, file=sys.stderr, flush=True)
@@ -258,7 +258,7 @@ machine = machine()
 wiring = {"wire": {"timer": {"driver": "simulated", "period": "1 ms"}, "valves.*": {"driver": "simulated"}}}
 async def quiet(m):
     away = 0
-    for _ in range(60):
+    for _ in range(20):
         m.stopped = True
         await next_period()
         m.stopped = False

@@ -16,4 +16,7 @@ def patient(name: str, folder: Path) -> Path:
 
 
 def conveyor(folder: Path) -> Path:
-    return patient("conveyor", folder)
+    """With fewer periods, in which its belt moves by as much as it may."""
+    wiring = patient("conveyor", folder)
+    wiring.write_text(wiring.read_text("utf-8").replace('period = "2 ms"', 'period = "5 ms"'))
+    return wiring

@@ -4,6 +4,8 @@ definitions are carried out, nothing else."""
 from __future__ import annotations
 
 import ast
+import inspect
+import re
 import sys
 import textwrap
 from collections.abc import Iterator
@@ -20,6 +22,7 @@ from helpers.documents import PAGES, ROOT, blocks
 from helpers.own_modules import SRC, own_modules
 from umo import Compound
 
+DOCSTRING = re.compile(r'"""(.*?)"""', re.S)
 DEFINITIONS = (ast.Import, ast.ImportFrom, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -37,8 +40,9 @@ def docstrings(folder: Path) -> Iterator[ModuleType]:
     for file in own_modules().values():
         if "stations" in file.parts:
             continue  # they are looked at as stations
-        examples = list(_examples(ast.parse(file.read_text("utf-8"))))
-        if examples:
+        code = file.read_text("utf-8")
+        indented = any("\n    " in inspect.cleandoc(text) for text in DOCSTRING.findall(code) if "\n\n" in text)
+        if indented and (examples := list(_examples(ast.parse(code)))):
             name = ".".join(file.relative_to(SRC).with_suffix("").parts).removesuffix(".__init__")
             known = {key: value for each in (umo, umo.control, umo.states) for key, value in vars(each).items()}
             known |= vars(sys.modules.get(name, umo))

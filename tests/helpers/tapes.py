@@ -6,7 +6,9 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
+from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +67,7 @@ def taped(connection: connect[Any], job: Mapping[str, Any] | None = None, size: 
                 frames.clear()
                 journal.clear()
 
-        def copy(frame: Any) -> None:
+        def take(frame: Any) -> None:
             new = reader.read()
             frames.append(new)
             places = zip(new["journal"].tolist(), new["entries"].tolist(), strict=True)
@@ -78,7 +80,7 @@ def taped(connection: connect[Any], job: Mapping[str, Any] | None = None, size: 
             flush()
             reader.close()
 
-        connection.machine.observers.append(copy)
+        connection.machine.observers.append(take)
         connection.afterwards.append(end)
         yield tape
 
@@ -110,6 +112,20 @@ class Case:
 
 def recorded(station: str, wiring: str | None = None, stop: float | None = None, **options: Any) -> MemoryTape:
     """A run of a station in virtual time, in this process; to this time in s, or its end."""
+    if wiring is not None or stop is not None or options:
+        return _recorded(station, wiring, stop, options)
+    tape = copy(_whole(station))
+    tape.recorded = list(tape.recorded)
+    return tape
+
+
+@cache
+def _whole(station: str) -> MemoryTape:
+    """Its plain run, once in this process."""
+    return _recorded(station, None, None, {})
+
+
+def _recorded(station: str, wiring: str | None, stop: float | None, options: dict[str, Any]) -> MemoryTape:
     plan = Plan(Job(station, wiring=wiring, options=options))
     connection = connect(plan.machine, plan.wired)
     job = job_facts(plan)

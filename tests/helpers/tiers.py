@@ -19,6 +19,11 @@ def choose(marks: str) -> None:
     _is_quick = marks == QUICK
 
 
+def is_full() -> bool:
+    """Whether other tests run than those of `make test`."""
+    return not _is_quick
+
+
 def first(count: int, cases: Iterable[Any]) -> list[Any]:
     """The first `count` cases run always, the others are marked `full`."""
     return _cases([(case, number < count) for number, case in enumerate(cases)])

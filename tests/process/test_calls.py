@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from helpers import process_box
-from helpers.own_modules import own_modules
+from helpers.own_modules import texts
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe
 from helpers.waiting import until
@@ -121,8 +121,7 @@ def imported_by_name(module: ast.Module) -> Iterator[str]:
 
 
 def test_the_functions_of_the_seam_are_called_through_its_module_when_they_are_needed() -> None:
-    texts = {place: file.read_text("utf-8") for place, file in own_modules().items()}
-    modules = {name: ast.parse(text) for name, text in texts.items() if "system" in text and "calls" in text}
+    modules = {name: ast.parse(text) for name, text in texts().items() if "system" in text and "calls" in text}
     found = {f"{name}: {each}" for name, module in modules.items() for each in imported_by_name(module)}
     found |= {f"{name}: {each}" for name, module in modules.items() for each in kept_at_import(module)}
     assert not found, "from umo.system import calls; calls.fork()"

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from helpers.own_modules import own_modules
+from helpers.own_modules import texts
 from helpers.waiting import until
 from umo.process.run_state import RunState, Who
 from umo.system import processes
@@ -25,14 +25,14 @@ CALLS_BY_NUMBER = {"kill", "wait", "open_process", "signal_process"}
 SLEEP = [sys.executable, "-c", "input()"]
 
 
-NAMED = re.compile(r"\b(os|signal|calls)\.")
+NAMED = re.compile(rf"\b(?:os|signal|calls)\.(?:{'|'.join(BY_NUMBER | CALLS_BY_NUMBER)})\b")
 
 
 def test_only_one_module_signals_or_waits_by_number() -> None:
     used = {
         place
-        for place, file in own_modules().items()
-        if place != SEAM and NAMED.search(text := file.read_text("utf-8"))
+        for place, text in texts().items()
+        if place != SEAM and NAMED.search(text)
         for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
         if (node.value.id in ("os", "signal") and node.attr in BY_NUMBER)

@@ -10,40 +10,54 @@ from pathlib import Path
 import pytest
 
 import umo
-from helpers.own_modules import own_modules
+from helpers.own_modules import on_one_line, texts
 from umo.errors import BadInput
 
 PAGE = Path(__file__).parents[2] / "docs" / "errors-by-text.md"
 VARIES = "..."
 
 
+OF_VALUES = str(BadInput("z.encoder", umo.Quality.UNREFERENCED))
+"""A message that is made of values alone."""
+
+
 @cache
-def texts() -> list[str]:
-    """Every text in the code of umo but docstrings, without the values of f-strings; and one made of values alone."""
-    found = [str(BadInput("z.encoder", umo.Quality.UNREFERENCED))]
-    for file in own_modules().values():
-        nodes = list(ast.walk(ast.parse(file.read_text("utf-8"))))
-        docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
-        for node in nodes:
-            if isinstance(node, ast.JoinedStr):
-                found.append("".join(str(each.value) for each in node.values if isinstance(each, ast.Constant)))
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
-                found.append(node.value)
+def said_in(place: str) -> list[str]:
+    """Every text in a module but docstrings, without the values of f-strings."""
+    found = []
+    nodes = list(ast.walk(ast.parse(texts()[place])))
+    docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
+        if isinstance(node, ast.JoinedStr):
+            found.append("".join(str(each.value) for each in node.values if isinstance(each, ast.Constant)))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+            found.append(node.value)
     return found
 
 
+@cache
+def lines_and_words() -> dict[str, tuple[str, set[str]]]:
+    """The code of each module with its texts on one line each, and all words in it."""
+    return {place: (on_one_line(code), set(re.findall(r"\w+", code))) for place, code in texts().items()}
+
+
 def is_said(quote: str) -> bool:
-    """Whether one text has all parts of the quote, in this order."""
+    """Whether one text has all parts of the quote, in this order. The modules that have the longest of them as it
+    stands come first, those that have not all words not at all."""
     parts = [part for part in quote.split(VARIES) if part]
-    for text in texts():
-        rest = text
-        for part in parts:
-            _, there, rest = rest.partition(part)
-            if not there:
-                break
-        else:
-            return True
-    return False
+    words, longest = set(re.findall(r"\w+", quote)), max(parts, key=len)
+    able = {place: longest not in code for place, (code, there) in lines_and_words().items() if words <= there}
+    modules = (said_in(place) for place in sorted(able, key=able.__getitem__))
+    return has(OF_VALUES, parts) or any(has(text, parts) for said in modules for text in said)
+
+
+def has(text: str, parts: list[str]) -> bool:
+    """Whether a text has all parts, in this order."""
+    for part in parts:
+        _, there, text = text.partition(part)
+        if not there:
+            return False
+    return True
 
 
 def quotes() -> list[str]:

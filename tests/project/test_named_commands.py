@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from helpers.own_modules import on_one_line
 from tools.command_line import leaves
 from umo.operation.commands.verbs import verb_of
 from umo_command.shared import COMMANDS
@@ -72,22 +72,25 @@ def test_the_commands_of_a_page_exist(page: Path) -> None:
             assert not (wrong := mistake(words)), f"{code}: {wrong}"
 
 
-def texts_of(source: Path) -> Iterator[str]:
-    """The texts of a module, also those of its docstrings; what is put in stands as `{}`."""
-    for node in ast.walk(ast.parse(source.read_text("utf-8"))):
-        if isinstance(node, ast.JoinedStr):
-            parts = (str(each.value) if isinstance(each, ast.Constant) else "{}" for each in node.values)
-            yield "".join(parts)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.value
+def spans_of(code: str) -> list[str]:
+    """The commands between backticks in a module: in texts, also those of several parts, in docstrings and comments.
+    What is put in stands as `{}`."""
+    found = re.findall(r"`(umo [^`\n]+)`", on_one_line(code)) if "`umo" in code else []
+    return [re.sub(r"\{[^{}]*(\{[^{}]*\}[^{}]*)?\}", "{}", span) for span in found]
 
 
 def test_the_commands_in_the_texts_of_umo_exist() -> None:
-    for source in SOURCES:
-        for text in texts_of(source) if "`umo" in source.read_text("utf-8") else ():
-            for span in re.findall(r"`(umo [^`\n]+)`", text):
-                for words in named_in(span):
-                    assert not (wrong := mistake(words)), f"{source}: {span}: {wrong}"
+    spans = {source: spans_of(source.read_text("utf-8")) for source in SOURCES}
+    assert sum(map(len, spans.values())) > 100
+    for source, found in spans.items():
+        for span in found:
+            for words in named_in(span):
+                assert not (wrong := mistake(words)), f"{source}: {span}: {wrong}"
+
+
+def test_a_command_in_a_text_of_several_parts_is_found_with_what_is_put_in() -> None:
+    code = """raise Mistake(f"see `umo show {given['a']} "\n    f'values` and \\'`umo\\'' "`umo ps`")  # `umo do`"""
+    assert spans_of(code) == ["umo show {} values", "umo ps", "umo do"]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from helpers import tiers
 from helpers.machines import actuator, bench, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers import Channel, Direction, Driver, KnowsScale, WiringError
@@ -791,7 +792,7 @@ WIRINGS = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=150 if tiers.is_full() else 60)
 @given(WIRINGS | st.dictionaries(KEYS | st.integers() | st.none(), TREES, max_size=4))
 @example({"drivers": {5: {"type": "simulated"}}, "wire": {"motor": {"driver": "nobody"}}})
 @example({"drivers": {"box": {"type": "simulated", 5: 1}}})
@@ -804,7 +805,7 @@ def test_no_dict_makes_anything_but_faults(wiring):
         resolve(bench(), wiring)
 
 
-@settings(max_examples=150)
+@settings(max_examples=150 if tiers.is_full() else 60)
 @given(
     st.text(max_size=60)
     | st.lists(

@@ -7,6 +7,7 @@ from __future__ import annotations
 import ast
 import builtins
 import inspect
+import os
 import sys
 import time
 import tokenize
@@ -84,14 +85,16 @@ def mistakes_of(modules: list[ModuleType], machine: Compound, main: Any) -> list
 def _modules(station: Station) -> list[ModuleType]:
     """Return the imported modules of the station."""
     found = {}
-    folder = cache(Path.resolve)  # resolved once for all modules of a folder
+    folder = cache(os.path.realpath)  # resolved once for all modules of a folder
     for module in list(sys.modules.values()):
         file = getattr(module, "__file__", None)
         if isinstance(file, str) and file.endswith(".py"):
-            path = Path(file)
-            place = path.resolve() if path.is_symlink() else folder(path.parent) / path.name
-            if place.is_relative_to(station.path):
-                found[place] = module
+            if os.path.islink(file):
+                place = os.path.realpath(file)
+            else:
+                place = os.path.join(folder(os.path.dirname(file)), os.path.basename(file))
+            if place.startswith(f"{station.path}{os.sep}"):
+                found[Path(place)] = module
     return [found[file] for file in sorted(found)]
 
 

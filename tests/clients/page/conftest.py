@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 import shutil
 import subprocess
@@ -13,6 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +34,19 @@ PATIENCE = 20.0
 """s"""
 
 
+KEY_OF = cache(hashlib.scrypt)
+
+
 @pytest.fixture(autouse=True)
 def stations_are_found_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """A page looks for them once a second."""
     monkeypatch.setattr(feed, "SEARCH_PAUSE", 0.05)
+
+
+@pytest.fixture(autouse=True)
+def key_of_a_token_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes 50 ms of processor time, and each server makes one."""
+    monkeypatch.setattr(hashlib, "scrypt", KEY_OF)
 
 
 def eventually(condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:

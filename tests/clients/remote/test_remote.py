@@ -6,8 +6,8 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
@@ -219,76 +219,54 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
 # A running station --------------------------------------------------------------------------------------
 
 
-def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
-    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
-        until(lambda: started.stage.name == "RUNNING")
-        with umo.attach(started.pid) as station:
-            until(lambda: station.reader.head > 5)
-            assert station.mode == "manual"
-            assert {"belt", "push", "window"} <= set(dir(station.sorter))
-            assert station.sorter.diverter.read() == "OFF"
-            with pytest.raises(CommandRefused, match="nobody has the lease"):
-                station.sorter.push()
-            with station.lease("a test") as lease:
-                assert station.reader.now().holder == "a test"
-                with (
-                    pytest.raises(
-                        CommandRefused, match=r"a test has the lease; take it over with station\.lease\(over=True\)"
-                    ),
-                    umo.attach(started.pid) as other,
-                ):
-                    other.lease("another").__enter__()
-                with pytest.raises(RangeError, match=r"window: 1000 mm is outside 1 to 100"):
-                    station.sorter.window = 1000.0
-                station.sorter.window = 30.0
-                assert station.sorter.window == 30.0  # at once
-                station.sorter.diverter.write("ON")
-                until(lambda: station.sorter.diverter.read() == "ON")
-                assert station.sorter.diverter.inhibited == "taken by client: a test"
-                station.sorter.diverter.release()
-                until(lambda: station.sorter.diverter.read() == "OFF")
-                station.sorter.belt.run_at(0.2)
-                until(lambda: station.sorter.belt.speed.read() > 0.1)
-                station.sorter.belt.run_at(0.0)
-                assert not lease.lost
-            until(lambda: station.reader.now().holder == "")
-            with pytest.raises(AttributeError, match=r"sorter has no 'bellt' \(did you mean 'belt'\?\)"):
-                station.sorter.bellt  # noqa: B018
-            frames = station.frames(0.05)
-            assert set(frames) >= {"time", "sorter.belt.speed", "sorter.length"}
-            station.stop("ann, a test (pid 1)")
-            until(lambda: not station.running)
-            asked, end = station.events[-2:]
-            assert (asked.asked, asked.who) == ("stop", "ann, a test (pid 1)")
-            assert end.text == "stopped by ann, a test (pid 1)"
-            with pytest.raises(FramesError, match="conveyor has ended"):
-                station.stop()
-        outcome = started.wait(20)
-        assert outcome.failure is None
-        assert (outcome.stopped_by, outcome.stopped_who) == (signal.SIGTERM, "ann, a test (pid 1)")
+@pytest.fixture(scope="module")
+def stations(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[pytest.MonkeyPatch], umo.Started]]:
+    """Gives a station in manual mode: the same one to tests that leave it as it was, another after one that stops it.
+    Their frames and records are in folders of their own."""
+    folders = {name: str(tmp_path_factory.mktemp(name.lower())) for name in ("UMO_STATE", "UMO_FRAMES")}
+    wiring, begun = conveyor(tmp_path_factory.mktemp("wiring")), list[umo.Started]()
+
+    def station(patch: pytest.MonkeyPatch) -> umo.Started:
+        for name, folder in folders.items():
+            patch.setenv(name, folder)
+        if not begun or begun[-1].outcome is not None:
+            begun.append(stack.enter_context(umo.start("conveyor", wiring, manual=True, realtime=True)))
+            until(lambda: begun[-1].stage.name == "RUNNING")
+        return begun[-1]
+
+    with ExitStack() as stack:
+        yield station
 
 
-def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_path: Path) -> None:
+@pytest.fixture
+def started(stations: Callable[[pytest.MonkeyPatch], umo.Started], monkeypatch: pytest.MonkeyPatch) -> umo.Started:
+    return stations(monkeypatch)
+
+
+@pytest.fixture
+def pid(started: umo.Started) -> int:
+    return started.pid
+
+
+def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(pid: int) -> None:
     code = (
         "import sys, time, umo\nstation = umo.attach(int(sys.argv[1]))\n"
         "with station.lease('a client', seconds=1.0):\n"
         "    station.sorter.diverter.write('ON')\n    station.sorter.belt.run_at(0.3)\n"
         "    print('held', flush=True)\n    time.sleep(60)\n"
     )
-    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
-        until(lambda: started.stage.name == "RUNNING")
-        client = subprocess.Popen([sys.executable, "-c", code, str(started.pid)], stdout=subprocess.PIPE)
-        assert client.stdout is not None
-        assert client.stdout.readline() == b"held\n"
-        with umo.attach(started.pid) as station:
-            until(lambda: station.sorter.diverter.read() == "ON" and station.sorter.belt.setpoint.read() > 0.2)
-            client.send_signal(signal.SIGKILL)
-            client.communicate()
-            until(lambda: station.sorter.diverter.read() == "OFF" and station.sorter.belt.setpoint.read() == 0.0)
-            until(lambda: station.reader.now().holder == "")
-            texts = [event.text for event in station.events]
-            assert texts.count("dead-man timeout") == 2  # the actuator, and the action by itself
-            assert any("was not renewed" in text for text in texts)
+    client = subprocess.Popen([sys.executable, "-c", code, str(pid)], stdout=subprocess.PIPE)
+    assert client.stdout is not None
+    assert client.stdout.readline() == b"held\n"
+    with umo.attach(pid) as station:
+        until(lambda: station.sorter.diverter.read() == "ON" and station.sorter.belt.setpoint.read() > 0.2)
+        client.send_signal(signal.SIGKILL)
+        client.communicate()
+        until(lambda: station.sorter.diverter.read() == "OFF" and station.sorter.belt.setpoint.read() == 0.0)
+        until(lambda: station.reader.now().holder == "")
+        texts = [event.text for event in station.events]
+        assert texts.count("dead-man timeout") == 2  # the actuator, and the action by itself
+        assert any("was not renewed" in text for text in texts)
 
 
 @pytest.mark.full
@@ -304,16 +282,14 @@ def test_what_is_held_lasts_under_a_lease_that_is_seldom_renewed(tmp_path: Path)
             until(lambda: lease.lost)
 
 
-def test_a_station_that_is_closed_gives_its_lease_back(tmp_path: Path) -> None:
-    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
-        until(lambda: started.stage.name == "RUNNING")
-        station = umo.attach(started.pid)
-        with station.lease():
-            station.sorter.diverter.write("ON")
-            station.close()
-        with umo.attach(started.pid) as again:
-            assert again.reader.now().holder == ""
-            until(lambda: again.sorter.diverter.read() == "OFF")
+def test_a_station_that_is_closed_gives_its_lease_back(pid: int) -> None:
+    station = umo.attach(pid)
+    with station.lease():
+        station.sorter.diverter.write("ON")
+        station.close()
+    with umo.attach(pid) as again:
+        assert again.reader.now().holder == ""
+        until(lambda: again.sorter.diverter.read() == "OFF")
 
 
 @pytest.mark.parametrize("seconds", [0.1, 61.0, nan])
@@ -326,17 +302,64 @@ def test_a_lease_that_would_end_before_it_is_renewed_is_refused(seconds: float) 
         station.lease(seconds=seconds)
 
 
-def test_the_application_waits_until_the_mode_is_automatic(tmp_path: Path) -> None:
-    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
-        until(lambda: started.stage.name == "RUNNING")
-        with umo.attach(started.pid) as station:
-            until(lambda: station.reader.head > 100)
-            assert station.progress.text == ""
-            with station.lease():
-                station.mode = "automatic"
-                until(lambda: station.progress.text != "")
-                with pytest.raises(CommandRefused, match="in manual mode only"):
-                    station.sorter.diverter.write("ON")
+def test_the_application_waits_until_the_mode_is_automatic(pid: int) -> None:
+    """The other tests of this station leave it in manual mode."""
+    with umo.attach(pid) as station:
+        until(lambda: station.reader.head > 20)
+        assert station.progress.text == ""
+        with station.lease():
+            station.mode = "automatic"
+            until(lambda: station.progress.text != "")
+            with pytest.raises(CommandRefused, match="in manual mode only"):
+                station.sorter.diverter.write("ON")
+            station.mode = "manual"
+
+
+def test_a_program_commands_a_running_station(started: umo.Started) -> None:
+    with umo.attach(started.pid) as station:
+        until(lambda: station.reader.head > 5)
+        assert station.mode == "manual"
+        assert {"belt", "push", "window"} <= set(dir(station.sorter))
+        assert station.sorter.diverter.read() == "OFF"
+        with pytest.raises(CommandRefused, match="nobody has the lease"):
+            station.sorter.push()
+        with station.lease("a test") as lease:
+            assert station.reader.now().holder == "a test"
+            with (
+                pytest.raises(
+                    CommandRefused, match=r"a test has the lease; take it over with station\.lease\(over=True\)"
+                ),
+                umo.attach(started.pid) as other,
+            ):
+                other.lease("another").__enter__()
+            with pytest.raises(RangeError, match=r"window: 1000 mm is outside 1 to 100"):
+                station.sorter.window = 1000.0
+            station.sorter.window = 30.0
+            assert station.sorter.window == 30.0  # at once
+            station.sorter.diverter.write("ON")
+            until(lambda: station.sorter.diverter.read() == "ON")
+            assert station.sorter.diverter.inhibited == "taken by client: a test"
+            station.sorter.diverter.release()
+            until(lambda: station.sorter.diverter.read() == "OFF")
+            station.sorter.belt.run_at(0.2)
+            until(lambda: station.sorter.belt.speed.read() > 0.1)
+            station.sorter.belt.run_at(0.0)
+            assert not lease.lost
+        until(lambda: station.reader.now().holder == "")
+        with pytest.raises(AttributeError, match=r"sorter has no 'bellt' \(did you mean 'belt'\?\)"):
+            station.sorter.bellt  # noqa: B018
+        frames = station.frames(0.05)
+        assert set(frames) >= {"time", "sorter.belt.speed", "sorter.length"}
+        station.stop("ann, a test (pid 1)")
+        until(lambda: not station.running)
+        asked, end = station.events[-2:]
+        assert (asked.asked, asked.who) == ("stop", "ann, a test (pid 1)")
+        assert end.text == "stopped by ann, a test (pid 1)"
+        with pytest.raises(FramesError, match="conveyor has ended"):
+            station.stop()
+    outcome = started.wait(20)
+    assert outcome.failure is None
+    assert (outcome.stopped_by, outcome.stopped_who) == (signal.SIGTERM, "ann, a test (pid 1)")
 
 
 def test_the_events_are_in_the_description_of_the_ring_and_readable_by_it_alone() -> None:

@@ -11,7 +11,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -111,36 +111,56 @@ def running(run: Any) -> str:
     return str(run.frames.about["pid"])
 
 
-def test_values_of_another_station_are_read_with_their_age() -> None:
-    with started() as run, connect(line(), reading(running(run))) as m:
+@pytest.fixture(scope="module")
+def presses(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[pytest.MonkeyPatch], Any]]:
+    """Gives the press: the same one as long as it runs. Its frames and records are in folders of its own."""
+    folders = {name: str(tmp_path_factory.mktemp(name.lower())) for name in ("UMO_STATE", "UMO_FRAMES")}
+    begun: list[Any] = []
+
+    def given(patch: pytest.MonkeyPatch) -> Any:
+        for name, folder in folders.items():
+            patch.setenv(name, folder)
+        if not begun or begun[-1].outcome is not None:
+            begun.append(stack.enter_context(started()))
+        return begun[-1]
+
+    with ExitStack() as stack:
+        yield given
+
+
+@pytest.fixture
+def run(presses: Callable[[pytest.MonkeyPatch], Any], monkeypatch: pytest.MonkeyPatch) -> Any:
+    return presses(monkeypatch)
+
+
+def test_values_of_another_station_are_read_with_their_age(run: Any) -> None:
+    with connect(line(), reading(running(run))) as m:
         periods(m, 3)
         assert (m.force.read(), m.force.quality) == (1234.5, Quality.GOOD)
         assert m.lamp.read() is OnOff.ON
-        run.stop()
 
 
-def test_a_station_that_was_killed_is_never_fresh_again_and_the_reason_is_told() -> None:
-    with started() as run:
-        driver = StationDriver(station=running(run))
-        channels = (driver.channel("force:0.1"), driver.channel("lamp"))
-        raws: Any = np.zeros(2, np.int64)
-        driver.read_many(channels, raws)
-        assert raws.tolist() == [12345, 1]
-        (age, _) = driver.ages(channels)
-        assert 0.0 <= age < 5.0
-        os.kill(int(run.frames.about["pid"]), signal.SIGKILL)
-        with suppress(RunFailed):
-            run.wait()
-        older: list[float] = []
-        for _ in range(2):
-            try:
-                driver.read_many(channels, raws)
-            except DriverError as error:
-                assert "is not running" in str(error) or "no station is running" in str(error)
-                break
-            older.append(driver.ages(channels)[0])
-        assert older == sorted(older)
-        driver.close()
+def test_a_station_that_was_killed_is_never_fresh_again_and_the_reason_is_told(run: Any) -> None:
+    driver = StationDriver(station=running(run))
+    channels = (driver.channel("force:0.1"), driver.channel("lamp"))
+    raws: Any = np.zeros(2, np.int64)
+    driver.read_many(channels, raws)
+    assert raws.tolist() == [12345, 1]
+    (age, _) = driver.ages(channels)
+    assert 0.0 <= age < 5.0
+    os.kill(int(run.frames.about["pid"]), signal.SIGKILL)
+    with suppress(RunFailed):
+        run.wait()
+    older: list[float] = []
+    for _ in range(2):
+        try:
+            driver.read_many(channels, raws)
+        except DriverError as error:
+            assert "is not running" in str(error) or "no station is running" in str(error)
+            break
+        older.append(driver.ages(channels)[0])
+    assert older == sorted(older)
+    driver.close()
 
 
 def test_a_station_that_does_not_run_yet_is_no_mistake_and_its_values_are_bad() -> None:

@@ -520,11 +520,11 @@ def test_an_absence_in_which_each_call_failed_at_once_is_repeated(error: Excepti
         )
 
     def run(m: Any) -> None:
-        for number in range(2000):
-            box.broken = error if 200 <= number < 1200 else None
+        for number in range(800):
+            box.broken = error if 200 <= number < 700 else None
             with suppress(DriverError):
                 periods(m)
 
     each = Case(make, lambda machine: wired(machine, box), run)
     result = each.replay(each.record())
-    assert result.identical and result.periods == 2000, str(result)
+    assert result.identical and result.periods == 800, str(result)

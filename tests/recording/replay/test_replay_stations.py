@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from helpers.tapes import recorded
-from helpers.tiers import first
 from tools import fault_matrix as matrix
 from umo.errors import OptionError
 from umo.recording.replay.replaying import replay
@@ -29,7 +28,8 @@ RUNS: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("station", "options"), first(1, RUNS), ids=str)
+@pytest.mark.full  # test_replay_command.py has the conveyor in make test
+@pytest.mark.parametrize(("station", "options"), RUNS, ids=str)
 def test_a_replay_of_a_station_is_identical(station: str, options: dict[str, Any]) -> None:
     tape = recorded(station, **options)
     result = replay(tape)
