@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib.machinery import PathFinder
 from itertools import count, islice
@@ -78,6 +78,21 @@ def pytest_configure(config: pytest.Config) -> None:
         settings.load_profile("quick")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module | None:
+    return tiers.LeftOut.from_parent(parent, path=module_path) if tiers.is_left_out(module_path) else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makeitem(name: str, obj: object) -> list[pytest.Item] | None:
+    return [] if name.startswith(("test", "Test")) and tiers.is_test_left_out(obj) else None
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "each_way" in metafunc.fixturenames:
+        metafunc.parametrize("each_way", first(1, CHOSEN_FIRST), indirect=True)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """When -m and -k have left out what is not to run."""
@@ -85,13 +100,22 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     files = set(sorted({item.path for item in items})[part - 1 :: parts])
     config.hook.pytest_deselected(items=[item for item in items if item.path not in files])
     items[:] = [item for item in items if item.path in files]
-    in_good_order(items)
+    slow: dict[pytest.Item, None] = {}
     for item in items:
         marks = {mark.name: mark for mark in reversed([*item.iter_markers()])}
+        if "slow" in marks:
+            slow[item] = None
         own = marks.get("timeout")
         if own is None or not own.args:
             limit = max(limit for mark, limit in LIMITS.items() if mark is None or mark in marks)
-            item.add_marker(pytest.mark.timeout(limit, **(own.kwargs if own else {})), append=False)
+            item.add_marker(pytest.mark.timeout(limit, **own.kwargs) if own else limited_to(limit), append=False)
+    in_good_order(items, slow)
+
+
+@cache
+def limited_to(limit: int) -> pytest.MarkDecorator:
+    """One mark for thousands of tests."""
+    return pytest.mark.timeout(limit)
 
 
 def pytest_collection_finish() -> None:
@@ -100,13 +124,12 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-def in_good_order(items: list[pytest.Item]) -> None:
+def in_good_order(items: list[pytest.Item], slow: Mapping[pytest.Item, object]) -> None:
     """The slow ones first (xdist begins with equal parts of the list): none is left over for the end. Every second
     process has none of them, as slow tests wait most of their time. Those of a file stay together, as they share
     fixtures."""
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    slow = [item for item in items if item.get_closest_marker("slow")]
-    quick = iter([item for item in items if not item.get_closest_marker("slow")])
+    quick = iter([item for item in items if item not in slow])
     turns = {path: 2 * turn % workers for turn, path in enumerate(dict.fromkeys(item.path for item in slow))}
     size, ordered = -(-len(items) // workers), []
     for worker in range(workers):
@@ -123,7 +146,7 @@ def nothing_to_collect() -> None:
     gc.freeze()
 
 
-@pytest.fixture(params=first(1, CHOSEN_FIRST))
+@pytest.fixture
 def each_way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test runs with each way of converting: with that of this computer in make test, where test_conversion.py
     finds the other one equal to it; with both in make test-all."""

@@ -8,12 +8,13 @@ from math import inf
 from typing import Any
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import umo
 from helpers.machines import timer
 from helpers.slide import DT, Slide, servo, stepper
+from helpers.tiers import budget
 from umo import Compound, DigitalSensor
 from umo.control import Axis, next_period, wait
 from umo.control.profile import Setpoint
@@ -97,7 +98,7 @@ MISSED = st.dictionaries(st.integers(1, 800), st.integers(2, 120), max_size=8)
 """Numbers of missed periods, by the number of the look at the timer."""
 
 
-@settings(max_examples=40)
+@budget(12, 40)
 @given(missed=MISSED, target=st.sampled_from([10.5, 12.0, 30.0, 60.0]))
 @example(missed={33: 109, 174: 120, 84: 28, 209: 108}, target=12.0)
 @example(missed={71: 28, 218: 80, 252: 85, 423: 106, 483: 31}, target=30.0)  # it moves on beyond the window at the end
@@ -116,7 +117,7 @@ def test_a_servo_keeps_its_limits_whatever_is_missed(missed: dict[int, int], tar
     assert max(felt) <= 2 * 1_500.0
 
 
-@settings(max_examples=25)
+@budget(10, 25)
 @given(missed=MISSED)
 def test_a_stepper_arrives_whatever_is_missed(missed: dict[int, int]) -> None:
     slide = Late(missed)

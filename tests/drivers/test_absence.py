@@ -11,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from helpers.machines import Bench, actuator, bench, failed, relay, sensor, switch, timer, wired
+from helpers.tiers import budget
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Quality, connect
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.phase_times import PhaseTimes
@@ -643,7 +644,7 @@ WAYS = st.lists(
 
 
 @given(WAYS, st.booleans())
-@settings(max_examples=12, deadline=None)
+@budget(5, 12)
 def test_whatever_a_device_does_it_has_what_is_pending_when_it_is_back_and_few_calls_have_waited(
     ways: list[tuple[str, int, bool]], synchronous: bool
 ) -> None:

@@ -15,11 +15,12 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.peers.modbus_device import PATIENT, Peer, running
 from helpers.peers.modbus_map import CELL, coil, discrete, holding, input_register, value
+from helpers.tiers import budget
 from umo import BinaryActuator, Compound, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
@@ -689,7 +690,7 @@ FRAMES = st.builds(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@budget(60, 150)
 @given(answer=st.binary(max_size=30) | FRAMES, writing=st.booleans())
 def test_whatever_the_device_answers_is_a_value_or_a_driver_error(answer: bytes, writing: bool) -> None:
     near, far = socket.socketpair()

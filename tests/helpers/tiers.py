@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 QUICK = "not full"
 """The expression of marks (`pytest -m`) of `make test`."""
@@ -22,6 +25,37 @@ def choose(marks: str) -> None:
 def is_full() -> bool:
     """Whether other tests run than those of `make test`."""
     return not _is_quick
+
+
+class LeftOut(pytest.Module):
+    """A module without a test that is to run: it is not imported."""
+
+    def collect(self) -> list[pytest.Item | pytest.Collector]:
+        return []
+
+
+_FULL_MODULE = re.compile(r"^pytestmark = (\[[^]]*)?pytest\.mark\.full\b", re.M)
+
+
+def has_marks(thing: Any, name: str) -> bool:
+    """Whether a test function or class, or a case of one, has this mark."""
+    marks = getattr(thing, "pytestmark", None) or getattr(thing, "marks", None)
+    return isinstance(marks, list | tuple) and any(mark.name == name for mark in marks)
+
+
+def is_left_out(file: Path) -> bool:
+    """`make test` does not import a module that marks all of its tests `full`."""
+    return _is_quick and _FULL_MODULE.search(file.read_text("utf-8")) is not None
+
+
+def has_no_smoke(file: Path) -> bool:
+    """Nor one that has none of the tests of faces that it runs."""
+    return _is_quick and "mark.smoke" not in file.read_text("utf-8")
+
+
+def is_test_left_out(test: Any) -> bool:
+    """`make test` makes no cases of a function or class that is marked `full`: there are thousands."""
+    return _is_quick and has_marks(test, "full")
 
 
 def first(count: int, cases: Iterable[Any]) -> list[Any]:
@@ -40,6 +74,11 @@ def each_value(*axes: Sequence[Any]) -> list[Any]:
     shown = {tuple(turn % len(axis) for axis in axes) for turn in range(max(map(len, axes)))}
     places = product(*(range(len(axis)) for axis in axes))
     return _cases([(case, place in shown) for place, case in zip(places, product(*axes), strict=True)])
+
+
+def budget(quick: int, full: int) -> settings:
+    """So many examples of a property in `make test`, and so many in `make test-all`."""
+    return settings(max_examples=quick if _is_quick else full)
 
 
 def named(names: Sequence[str], cases: Sequence[Any]) -> list[Any]:

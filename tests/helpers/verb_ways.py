@@ -7,6 +7,7 @@ import json
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -184,12 +185,16 @@ class OpcUa(Face):
 
 
 class Epics(Face):
+    @cached_property
+    def variables(self) -> Mapping[str, Any]:
+        from umo.clients.faces.epics.epics_variables import variables_of
+
+        return variables_of(self.declaration, "plant:", self.gateway).by_name
+
     async def ask(self, verb: Verb, path: str, arguments: Mapping[str, Any]) -> Any:
         from p4p import Type, Value
 
-        from umo.clients.faces.epics.epics_variables import variables_of
-
-        variable = variables_of(self.declaration, "plant:", self.gateway).by_name[f"plant:run:{verb.word}"]
+        variable = self.variables[f"plant:run:{verb.word}"]
         if verb is MODE:  # which has a variable of its own
             (mode,) = (each for each in self.declaration.items if each.verb is MODE)
             chosen = Value(variable.value.type(), {})

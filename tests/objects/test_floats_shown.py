@@ -23,7 +23,7 @@ async def main(m):
 def result(umo: Umo, tank: Path) -> str:
     """The table of a run whose application returns such floats; the summary is `s.json`."""
     (tank / "application.py").write_text(APPLICATION)
-    ran = umo("run", "tank", "--no-record", "--summary", "s.json")
+    ran = umo("run", "tank", "--no-record", "--no-plot", "--summary", "s.json")
     assert ran.exit_code == 0, ran.output
     return " ".join(ran.stdout.split())
 

@@ -9,10 +9,11 @@ from math import exp
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.machines import actuator, bench, sensor, switch, timer, wired
+from helpers.tiers import budget
 from umo import Compound, DigitalActuator, DigitalSensor, Quality, connect, published
 from umo.cycle.image import Image
 from umo.drivers import Channel
@@ -46,7 +47,7 @@ def follow(machine: Any, box: Scripted, raws: list[int], clock: VirtualTimer | N
 @pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("synchronous", [True, False])
 @given(steps=st.lists(st.integers(-(2**15) + 1, 2**15 - 1), max_size=30), first=st.integers(0, 2**15))
-@settings(max_examples=30, deadline=None)
+@budget(12, 30)
 def test_a_counter_counts_on_for_every_way_of_steps_below_half_its_numbers(
     synchronous: bool, steps: list[int], first: int
 ) -> None:
@@ -117,7 +118,7 @@ def test_homing_gives_a_counter_its_place_and_it_counts_on_from_there() -> None:
 
 @pytest.mark.parametrize("synchronous", [True, False])
 @given(missed=st.lists(st.sampled_from([0, 0, 1, 2, 5]), min_size=10, max_size=40))
-@settings(max_examples=30, deadline=None)
+@budget(12, 30)
 def test_a_filter_answers_a_step_as_its_time_constant_says_whatever_ticks_are_missed(
     synchronous: bool, missed: list[int]
 ) -> None:
@@ -244,7 +245,7 @@ def test_a_counter_has_2_to_62_bits(bits: Any) -> None:
 @pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("synchronous", [True, False])
 @given(levels=st.lists(st.integers(0, 1), max_size=60))
-@settings(max_examples=40, deadline=None)
+@budget(15, 40)
 def test_a_state_changes_when_the_input_has_differed_for_the_time(synchronous: bool, levels: list[int]) -> None:
     machine, box = bench(limit=switch(debounce="3 ms", synchronous=synchronous)), Scripted()
     with connect(machine, wired(machine, box)) as m:

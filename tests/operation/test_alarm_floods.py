@@ -18,6 +18,7 @@ import pytest
 from hypothesis import Phase, given, settings
 
 from helpers.machines import timer
+from helpers.tiers import budget
 from tools.planted_faults import Edit, edited
 from umo import Compound, DigitalSensor
 from umo.cycle.columns import Columns
@@ -176,7 +177,7 @@ def _difference(engine: AlarmEngine, row: int, model: Model) -> str:
     return "" if (first, last) == expected or (expected is None and isnan(first + last)) else f"{first}, {last}"
 
 
-@settings(max_examples=40)
+@budget(15, 40)
 @given(flood=floods())
 def test_every_edge_of_a_flood_is_noticed_in_its_period_and_told_or_counted(flood: Any) -> None:
     assert played(flood) == ""

@@ -11,11 +11,12 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, switch, timer
+from helpers.tiers import budget
 from umo import (
     BinaryActuator,
     BinarySensor,
@@ -408,7 +409,7 @@ def test_an_interlock_takes_the_actuator_out_of_the_client(rig: Rig) -> None:
 @pytest.mark.parametrize("period", [PERIOD, 0.4, 1.0, 6.0])
 @pytest.mark.parametrize("what", ["heater", "jog"])
 @given(st.floats(0.0, 3.0))
-@settings(max_examples=20)
+@budget(6, 20)
 def test_what_a_dead_client_held_ends_after_its_time_and_a_period_however_long_that_is(
     what: str, period: float, lived: float
 ) -> None:
@@ -995,7 +996,7 @@ STEPS = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@budget(50, 150)
 @given(STEPS, st.booleans())
 def test_guards_hold_for_any_interleaving_of_program_and_clients(steps: list[tuple[Any, ...]], slow: bool) -> None:
     rate = 100.0

@@ -15,7 +15,7 @@ import umo
 from helpers.machines import actuator, relay, timer
 from helpers.operator import Operator
 from helpers.slide import DT, Slide, servo, stepper
-from helpers.tiers import first
+from helpers.tiers import budget, first
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, action
 from umo.control import Axis, wait
 from umo.control.axis_state import AxisState
@@ -203,7 +203,7 @@ def obey(ann: Operator, deed: tuple[Any, ...]) -> None:
 
 
 @pytest.mark.parametrize("make", first(1, [servo, stepper]))
-@settings(max_examples=30)
+@budget(12, 30)
 @given(program=PROGRAM, deeds=DEEDS, reaction=REACTIONS)
 def test_nothing_is_driven_with_nobody_in_charge(make: Any, program: Any, deeds: Any, reaction: str) -> None:
     with cell(make, reaction) as (ann, _):
@@ -220,7 +220,7 @@ def test_nothing_is_driven_with_nobody_in_charge(make: Any, program: Any, deeds:
 
 
 @pytest.mark.parametrize("make", first(1, [servo, stepper]))
-@settings(max_examples=20)
+@budget(8, 20)
 @given(program=PROGRAM, modes=st.lists(st.integers(1, 200), max_size=10), reaction=REACTIONS)
 def test_manual_mode_without_interference_changes_no_result(make: Any, program: Any, modes: Any, reaction: str) -> None:
     with cell(make, reaction) as (ann, slide):

@@ -20,6 +20,7 @@ from hypothesis import strategies as some
 
 from helpers.machines import actuator, sensor, timer, wired
 from helpers.operator import Operator
+from helpers.tiers import budget
 from umo import Compound, DigitalActuator, DigitalSensor, Frame, connect, published
 from umo.control import next_period
 from umo.cycle.events import CommandState
@@ -387,7 +388,7 @@ def steps_of(base: Any) -> Any:
     return some.lists(some.tuples(step, some.booleans()), min_size=20, max_size=60)
 
 
-@settings(max_examples=20, deadline=None)
+@budget(8, 20)
 @given(steps_of(PackML))
 def test_the_state_of_packml_that_is_shown_is_the_one_that_is(steps: list[tuple[str, bool]]) -> None:
     check(PackML, steps)

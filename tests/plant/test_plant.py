@@ -580,7 +580,7 @@ def test_a_new_station_runs_on_its_own_plant_over_modbus(umo: Callable[..., Resu
     try:
         assert boxed.stdout is not None
         assert boxed.stdout.readline() == f"tank plant, box: Modbus TCP at 127.0.0.1:{port}\n"
-        ran = umo("run", "tank", "-w", "modbus", "--target", "55", "--no-record")
+        ran = umo("run", "tank", "-w", "modbus", "--target", "55", "--no-record", "--no-plot")
         assert ran.exit_code == 0, said(ran)
         boxed.send_signal(signal.SIGTERM)
         last = boxed.communicate(timeout=30)[0]

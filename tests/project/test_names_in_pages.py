@@ -12,6 +12,7 @@ import keyword
 import re
 from collections.abc import Iterator
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -85,17 +86,18 @@ def _public(module: Any) -> list[str]:
     return getattr(module, "__all__", own)
 
 
-def _known() -> set[str]:
-    known = {OFF_CYCLE, *SECTIONS, *KEYWORDS, *registry.known(), *Entry.model_fields}
-    known |= {each.name for table in (ProcessTable, FaceSettings) for each in fields(table)}
-    known |= {each.name.lower() for each in PackMLState}
+@cache
+def known() -> set[str]:
+    names = {OFF_CYCLE, *SECTIONS, *KEYWORDS, *registry.known(), *Entry.model_fields}
+    names |= {each.name for table in (ProcessTable, FaceSettings) for each in fields(table)}
+    names |= {each.name.lower() for each in PackMLState}
     items = {name: getattr(module, name) for module in MODULES for name in _public(module)}
     items |= {each.__name__: each for each in (AxisState, Gpio, Recipe, RecipeBook, MachineView)}
     for name, item in items.items():
-        known |= {name, *_parameters(item)}
+        names |= {name, *_parameters(item)}
         if inspect.isclass(item):
-            known |= _members(item)
-    return known
+            names |= _members(item)
+    return names
 
 
 def _members(cls: type) -> set[str]:
@@ -107,12 +109,9 @@ def _members(cls: type) -> set[str]:
     return names | declared | {each for name in names for each in _parameters(getattr(cls, name))}
 
 
-KNOWN = _known()
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_names_of_a_page_exist(page: Path) -> None:
-    unknown = {code: names_in(code) - KNOWN for code in spans(page)}
+    unknown = {code: names_in(code) - known() for code in spans(page)}
     assert not {code: names for code, names in unknown.items() if names}
     for code in spans(page):
         for first, *rest in chains_in(code):
@@ -124,4 +123,4 @@ def test_the_names_of_a_page_exist(page: Path) -> None:
 
 
 def test_a_name_that_does_not_exist_is_found() -> None:
-    assert names_in('ServoAxle(m.oven, filtr="1 s")') - KNOWN == {"ServoAxle", "filtr"}
+    assert names_in('ServoAxle(m.oven, filtr="1 s")') - known() == {"ServoAxle", "filtr"}

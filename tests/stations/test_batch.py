@@ -634,7 +634,9 @@ def test_the_default_values_are_safe() -> None:
 
 
 def test_umo_run_takes_the_recipes_and_shows_the_results(umo: Callable[..., Result], tmp_path: Path) -> None:
-    result = umo("run", "batch", "--recipe", "paint", "--batches", "1", "--seed", "4", "--summary", "summary.json")
+    result = umo(
+        "run", "batch", "--no-plot", "--recipe", "paint", "--batches", "1", "--seed", "4", "--summary", "summary.json"
+    )
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "summary.json").read_text())
     used = summary["result"].pop("recipes")

@@ -332,7 +332,7 @@ def test_a_pressed_emergency_stop_does_not_let_a_run_begin() -> None:
 
 def test_the_options_reach_application_and_plant(umo: Callable[..., Result], tmp_path: Path) -> None:
     options = "--parts 3 --speed 0.5 --nominal 100 --tolerance 6 --seed 2"
-    result = umo("run", "conveyor", *options.split(), "--summary", "summary.json")
+    result = umo("run", "conveyor", "--no-plot", *options.split(), "--summary", "summary.json")
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["reports"]["plant"]["parts_delivered"] == 3
@@ -356,7 +356,7 @@ def test_the_options_reach_application_and_plant(umo: Callable[..., Result], tmp
 def test_what_the_application_refuses_and_every_fault_is_a_failure_in_a_line(
     umo: Callable[..., Result], options: str, status: int, message: str
 ) -> None:
-    result = umo("run", "conveyor", *options.split())
+    result = umo("run", "conveyor", "--no-plot", *options.split())
     assert result.exit_code == status, result.output
     assert message in (result.output + result.stderr).replace("\n", " ")
     assert "Traceback" not in result.output

@@ -8,7 +8,15 @@ from typing import Any
 
 import pytest
 
+from helpers import tiers
+
 HERE = f"{Path(__file__).parent}{os.sep}"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module | None:
+    """What OPC UA and EPICS import takes half a second."""
+    return tiers.LeftOut.from_parent(parent, path=module_path) if tiers.has_no_smoke(module_path) else None
 
 
 @pytest.hookimpl(tryfirst=True)

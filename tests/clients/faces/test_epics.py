@@ -21,7 +21,7 @@ pytest.importorskip("p4p", reason="the face EPICS needs p4p: pip install '.[epic
 
 from helpers.epics import FOREIGN, Pvapy, ServedZtheta, clients_python, environment, epics
 from helpers.faced import Recorder, hosted
-from umo.clients.faces.conformance import RULES, RefusedByFace, TriedFace, TriedMachine, try_rule
+from umo.clients.faces.conformance import RefusedByFace, TriedMachine
 from umo.clients.faces.conformance.tried_machine import until
 from umo.clients.faces.endpoint import Endpoint
 from umo.clients.faces.epics import Epics
@@ -38,19 +38,11 @@ from umo.process.frames.search import find_running
 from umo.system.peer_account import account_of
 
 pytestmark = [pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux"), pytest.mark.slow]
-EPICS = TriedFace("epics", epics, Pvapy.of, is_named=False)  # the account is that of the process, for all
 
 
 @pytest.fixture(autouse=True, scope="module")
 def clients() -> None:
     clients_python()
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(each, marks=pytest.mark.smoke) if each == "kinds" else each for each in RULES]
-)
-def test_the_face_keeps_the_contract(name: str) -> None:
-    assert asyncio.run(try_rule(EPICS, RULES[name])) in (None, "")
 
 
 # Values and commands of the kit's machine -----------------------------------------------------------------

@@ -15,7 +15,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from helpers.home_assistant import rendered
-from umo.clients.faces.epics.epics_variables import variables_of
 from umo.clients.faces.face import Changes
 from umo.clients.faces.mqtt.home_assistant_discovery import discovery, told
 from umo.clients.faces.mqtt.sparkplug_node import SparkplugNode
@@ -58,6 +57,8 @@ def opcua(item: MachineItem, changes: Changes) -> str | None:
 
 
 def epics(item: MachineItem, changes: Changes) -> str | None:
+    from umo.clients.faces.epics.epics_variables import variables_of
+
     async def ask(*given: Any, **more: Any) -> None: ...
 
     commands: Any = SimpleNamespace(ask=ask)

@@ -554,8 +554,9 @@ def test_what_measures_memory_leaves_time_for_its_rounds() -> None:
     assert now < 2.01
 
 
-def test_a_few_calls_that_each_keep_some_small_objects_are_seen_to_grow() -> None:
+def test_a_few_calls_that_each_keep_some_small_objects_are_seen_to_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[object] = []
+    monkeypatch.setattr("umo.testing.conformance.leak_rules.CACHE_FILLING_CALLS", 500)
     context = RuleContext(simulated(), 60, Budget(60.0, all_rules()))
     with pytest.raises(
         RuleBroken,
@@ -818,7 +819,7 @@ def test_what_a_failing_call_leaves_in_the_kit_does_not_count_as_memory_of_the_d
                 raise KeyError("refused")
 
     with careful(AnotherError) as subject:
-        found = conform(subject, only=["memory"], cycles=100).finding("memory")
+        found = conform(subject, only=["memory"], cycles=60).finding("memory")
     assert found.verdict is Judgement.PASSED, found
 
 
