@@ -459,6 +459,13 @@ OTHERS = ("flock", "lockf", "get", "read", "readline", "readlines", "connect")
 PROCESSES = ("create_subprocess_exec", "create_subprocess_shell")
 NAMES = {*WITHOUT_ARGUMENTS, *ALWAYS, *TIMED, *PROGRAMS, *REAPS, *OTHERS, *PROCESSES}
 NAMES |= {each.rpartition(".")[2] for each in BARE}
+WRITTEN = [
+    *(f"{name}(" for name in {*ALWAYS, *TIMED, *PROGRAMS, *REAPS, *PROCESSES, "flock", "lockf"} - {"wait"}),
+    *(f"{each}(" for each in {*BARE, "os.wait", "select.select", "QUEUE.get", "ueue.get", ".connect"}),
+    *(f"{pipe}.read" for pipe in ("stdout", "stderr", "buffer")),
+]
+"""A text without any of these, and without what `EMPTY` finds, has no call that waits without a limit."""
+EMPTY = re.compile(rf"\.(?:{'|'.join(WITHOUT_ARGUMENTS)})\(\s*(?:None\b|\)|\w+\s*=)")
 OF_PROCESS = re.compile(r"(process|guardian|popen|child)$", re.I)
 OF_PIPE = re.compile(r"(stdout|stderr)(\.buffer)?$")
 OF_QUEUE = re.compile(r"queue$", re.I)
@@ -506,10 +513,13 @@ def waits_for_ever(call: ast.Call) -> bool:
 
 
 def waits_in(file: Path) -> Iterator[str]:
-    tree = ast.parse(file.read_text("utf-8"))
-    awaited = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Await)}
-    for node in ast.walk(tree):  # what a task of asyncio awaits holds nobody up
-        if isinstance(node, ast.Call) and id(node) not in awaited and waits_for_ever(node):
+    text, awaited = file.read_text("utf-8"), set()
+    if not EMPTY.search(text) and not any(each in text for each in WRITTEN):  # quick: most
+        return
+    for node in ast.walk(ast.parse(text)):  # an await comes before what it awaits, and that holds nobody up
+        if isinstance(node, ast.Await):
+            awaited.add(node.value)
+        elif isinstance(node, ast.Call) and node not in awaited and waits_for_ever(node):
             yield ast.unparse(node.func)
 
 
