@@ -78,7 +78,8 @@ def test_a_handle_has_status_values_frames_and_an_end(tmp_path: Path) -> None:
     assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}
 
 
-def test_any_thread_may_ask_for_the_outcome_and_the_end_of_the_block_stops_the_machine(tmp_path: Path) -> None:
+def test_the_end_of_the_block_stops_the_machine(tmp_path: Path) -> None:
+    """Meanwhile, any thread may ask for the outcome."""
     with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.forever) as machine:
         with ThreadPoolExecutor(4) as pool:
             asked = [pool.submit(lambda: [machine.outcome for _ in range(500)]) for _ in range(4)]
