@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 
 import umo
 from helpers import cascaded
+from helpers.few_kinds import few_kinds
 from helpers.tiers import first
 from helpers.true_margins import true_cascade_margins
 from helpers.waiting import until
@@ -36,6 +37,11 @@ PRESENT = Gains(cascaded.GAIN, cascaded.INTEGRAL_TIME)
 @pytest.fixture(scope="module")
 def reactor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return cascaded.station(tmp_path_factory.mktemp("stations"))
+
+
+@pytest.fixture
+def simple(monkeypatch: pytest.MonkeyPatch) -> None:
+    few_kinds(monkeypatch)
 
 
 def invoke(*words: object) -> Result:
@@ -179,6 +185,7 @@ PLAIN = (
 """From the cascade to two laws that the machine's code connects."""
 
 
+@pytest.mark.usefixtures("simple")
 def test_two_laws_on_numbers_are_tuned_where_the_paths_are_given(tmp_path: Path) -> None:
     place = cascaded.station(tmp_path)
     text = (place / "objects.py").read_text()
@@ -194,10 +201,11 @@ def test_two_laws_on_numbers_are_tuned_where_the_paths_are_given(tmp_path: Path)
     assert data["model"]["parameters"]["K"]["value"] == pytest.approx(0.8, rel=0.02)
 
 
+@pytest.mark.usefixtures("simple")
 def test_a_trace_of_a_run_gives_the_gains_of_the_outer_law(reactor: Path, tmp_path: Path) -> None:
     rows = ["time_s,missed,execution_us,heater[percent],jacket[degC],vessel[degC],jacket_law.setpoint[degC]"]
     jacket, vessel, waiting = 50.0, 40.0, [50.0] * 10
-    for number in range(2000):
+    for number in range(1000):
         setpoint = 50.0 if number < 200 else 60.0
         rows.append(f"{number * 0.02:.2f},0,1,25,{jacket:.3f},{vessel:.3f},{setpoint}")
         waiting.append(jacket)

@@ -19,6 +19,7 @@ from typer.testing import CliRunner, Result
 
 import umo
 from helpers import lagging, patient
+from helpers.few_kinds import few_kinds
 from helpers.tiers import first
 from helpers.true_margins import true_margins
 from helpers.waiting import until
@@ -41,6 +42,11 @@ SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 @pytest.fixture(scope="module")
 def tank(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lagging.station(tmp_path_factory.mktemp("stations"))
+
+
+@pytest.fixture
+def simple(monkeypatch: pytest.MonkeyPatch) -> None:
+    few_kinds(monkeypatch)
 
 
 def invoke(*words: object) -> Result:
@@ -89,6 +95,7 @@ def test_a_zone_of_the_furnace_is_tuned(kind: str) -> None:
     assert 1.0 < sets["cautious"]["gain"] <= sets["balanced"]["gain"] < sets["quick"]["gain"] < 20.0
 
 
+@pytest.mark.usefixtures("simple")
 def test_the_lines_to_try_and_to_keep_are_printed_and_the_plot_drawn(tank: Path, tmp_path: Path) -> None:
     picture = tmp_path / "tuned.png"
     result = invoke(
@@ -103,10 +110,11 @@ def test_the_lines_to_try_and_to_keep_are_printed_and_the_plot_drawn(tank: Path,
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("simple")
 def test_a_trace_gives_the_gains_without_an_experiment(tank: Path, tmp_path: Path) -> None:
     rows = ["time_s,missed,execution_us,valve[percent],level[mm]"]
     level, waiting = 150.0, [30.0] * 10
-    for number in range(2000):
+    for number in range(1000):
         valve = 30.0 if number < 200 else 40.0
         rows.append(f"{number * 0.01:.2f},0,1,{valve},{level:.2f}")
         waiting.append(valve)
@@ -177,6 +185,7 @@ def test_without_a_law_the_laws_are_listed() -> None:
     assert invoke("tune", "law", "furnace", "--zones", "2").stdout == "heating[0..1]\n"
 
 
+@pytest.mark.usefixtures("simple")
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -241,6 +250,7 @@ def running(started: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Iterato
 
 @realtime
 @pytest.mark.slow
+@pytest.mark.usefixtures("simple")
 def test_a_running_station_is_tuned_through_the_lease(running: Any) -> None:
     data = found("tank", "servo", "--relay", "10%", "--cycles", "3")
     gain, phase = true_margins(lagging.MODELS["lag"], balanced(data), lagging.PERIOD)

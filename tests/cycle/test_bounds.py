@@ -23,7 +23,7 @@ from umo.operation.commands.verbs import VERBS
 from umo.testing import Scripted
 
 PAGE = Path(__file__).parents[2] / "docs" / "bounds.md"
-SMALL = 100
+SMALL = 50
 CALLS_OF_ONE = 200
 """Calls of functions for each object that a cause concerns, at most; those of each of its equipment in it."""
 CONSTANT = 3000
@@ -94,7 +94,7 @@ def test_what_a_cause_makes_a_period_do_grows_no_faster_than_the_objects(
     cause: bounds.Cause, rigs: dict[type[Rig], tuple[Rig, Rig]]
 ) -> None:
     small, large = (extra_calls(cause, rig) for rig in rigs[cause.rig])
-    assert large <= 2 * max(small, 0) + CONSTANT / 10, (small, large)
+    assert large <= 2 * max(small, 0) + CONSTANT / 30, (small, large)
     assert large <= CALLS_OF_ONE * 2 * SMALL + CONSTANT, large
 
 

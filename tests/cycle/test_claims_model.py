@@ -32,7 +32,7 @@ from helpers.claims_model import (
     Rank,
     Seen,
 )
-from helpers.conversions import WAYS, choose
+from helpers.conversions import CHOSEN_FIRST, WAYS, choose
 from helpers.letters import Letters
 from helpers.machines import actuator, timer
 from helpers.tiers import first, some
@@ -389,7 +389,7 @@ def quiet() -> Iterator[None]:
     logging.disable(logging.NOTSET)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", first(1, CHOSEN_FIRST))
 def test_the_machine_does_what_the_table_says(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     choose(monkeypatch, way)
     for kind in KINDS:

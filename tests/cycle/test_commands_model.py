@@ -15,9 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.conversions import WAYS, choose
+from helpers.conversions import CHOSEN_FIRST, choose
 from helpers.machines import actuator, failed, relay, sensor, switch, timer
 from helpers.telling import concerned
+from helpers.tiers import first
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, connect
 from umo.errors import DriverError, Interlocked
 from umo.objects import find
@@ -308,7 +309,7 @@ PERIODS = st.lists(
 )
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", first(1, CHOSEN_FIRST))
 @given(steps=PERIODS)
 def test_the_command_stage_does_what_a_model_does(way: str, steps: list[Any]) -> None:
     with pytest.MonkeyPatch.context() as patch:

@@ -11,23 +11,29 @@ from pathlib import Path
 from typing import Any
 
 from helpers.process_box import Cells
-from umo.process import guardian
+from umo.drivers import registry
+from umo.process import guardian, source_files
 from umo.process.job import Job
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Outcome
 from umo.system import realtime
 from umo.system.device_record import Ended, all_standing
+from umo.wiring import schema
 
 TESTS = Path(__file__).parents[1]
 OWN = tuple(f"{TESTS.parent / each}{os.sep}" for each in ("tests", "tools", "bench"))
+IMPORTED_ONCE = schema
+"""With pydantic. A run imports it when it reads its wiring: the forked ones need not, each for itself."""
 NEIGHBOURS = "the control process did not get core"
 """The beginning of a notice that other stations had the core."""
 
 
 def as_if_begun_afresh(kept: set[str]) -> None:
     """This process has imported all tests, which a guardian that is started afresh has not: a run would hash and read
-    them as the user's code, and lock all their memory, of which each process then gets a copy."""
+    them as the user's code, and lock all their memory, of which each process then gets a copy. It would also look for
+    the files that `process_box` names, which are all helpers of tests."""
     realtime.lock_memory = lambda: None
+    source_files.named_files = lambda modules, folder: []
     for name, module in list(sys.modules.items()):
         if name not in kept and (getattr(module, "__file__", None) or "").startswith(OWN):
             del sys.modules[name]
@@ -52,6 +58,7 @@ class Run:
         file.write(job.dump())
         file.seek(0)
         self._rest, held = os.pipe()
+        registry.known()  # as above: once for all runs
         self.guardian = os.fork()
         if self.guardian == 0:
             os.setsid()

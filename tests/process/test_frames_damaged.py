@@ -20,7 +20,7 @@ from umo.testing import Scripted, VirtualTimer, periods
 
 
 @given(st.lists(st.tuples(st.integers(0, 1 << 20), st.binary(min_size=1, max_size=16)), max_size=20), st.data())
-@settings(max_examples=200)
+@settings(max_examples=2 * settings().max_examples)
 def test_whatever_stands_in_a_ring_a_reader_gives_frames_or_an_error_of_its_own(
     patches: list[tuple[int, bytes]], data: st.DataObject
 ) -> None:

@@ -583,7 +583,7 @@ def test_a_driver_that_raises_what_is_not_an_exception_costs_its_own_actuator_on
 def test_what_does_not_answer_keeps_nothing_else_of_its_driver_from_being_reset(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reset, "ATTEMPT_PAUSE", 0.01)
+    monkeypatch.setattr(reset, "ATTEMPT_PAUSE", 0.05)
     wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:HalfDead", process={"reset_for": "1 s"})
     run = Run(wiring, "forever").until_running()
     cells.numbers[process_box.STRUCK] = 1

@@ -19,11 +19,12 @@ from umo.system.shared_cells import SharedText
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 
-ORDERS = [pytest.param(case, machine, id=f"{case.name}, {machine.name}", marks=[] if case.quick else pytest.mark.full)
+ORDERS = [pytest.param(case, machine, id=f"{case.name}, {machine.name}",
+                       marks=[] if machine in case.quick_machines else pytest.mark.full)
           for case in CASES for machine in case.machines]  # fmt: skip
 PLANTED = [
     pytest.param(mutant, machine, id=f"{mutant.what}, {machine.name}",
-                 marks=[] if mutant.quick and machine in mutant.found else pytest.mark.full)
+                 marks=[] if machine in mutant.quick_machines else pytest.mark.full)
     for mutant in MUTANTS for machine in mutant.machines
 ]  # fmt: skip
 

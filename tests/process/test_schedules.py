@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
 from inspect import isfunction
 from itertools import islice
 
@@ -43,7 +44,7 @@ EVERY_KIND = (
     "no-forks guardian 80ms at guardian:9; no-disk 500ms at 1ms; "
     "silent d2 1300ms at control:20"
 )
-PARTS = 20
+PARTS = 40
 """Of the single kills, the first of which is tried always."""
 
 
@@ -64,7 +65,7 @@ def wrong(schedules: Iterable[Schedule], player: Player) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seeds", first(1, [range(1, 11), range(11, 1001)]), ids=str)
+@pytest.mark.parametrize("seeds", first(1, [range(1, 6), range(6, 1001)]), ids=str)
 def test_without_a_fault_a_run_ends_well_in_every_order_of_its_processes(player: Player, seeds: range) -> None:
     assert wrong(orders(seeds), player) == []
 
@@ -118,8 +119,23 @@ def test_after_some_faults_at_random_all_is_at_its_default_and_told(player: Play
     assert wrong(at_random(range(1, 1001), gates), player) == []
 
 
-LONG = "0: stop control at control:5"
-"""It takes half a minute of virtual time, 20,000 steps."""
+QUICK = {
+    "0: ask at guardian:5",
+    "0: ask at guardian:5; ask at guardian:6",
+    "0: kill guardian at worker:5; stop worker at worker:5",
+    "0: kill guardian at control:5; stop control at control:5",
+    "0: no-fork guardian at guardian:10",
+    "0 frames: kill keeper at keeper:5; kill control at keeper:5",
+    "0 long: stop reserve at worker:20; kill guardian at worker:20",
+    "0: kill guardian at guardian:79; stop standby at guardian:79",
+    "0: kill guardian at guardian:76; kill standby at guardian:76",
+    "37315: stop reserve at control:39; kill worker at worker:24",
+    "18656: stop worker at worker:30; ask at worker:30; kill guardian at reserve:3",
+    "0 long: stop reserve at worker:20; kill control at worker:20; kill guardian at worker:20+200ms; "
+    "kill standby at worker:20+200ms",
+}
+"""Of what was once wrong: what finds a planted fault (`tools.schedules.planted`), or has a kind of fault that no row of
+the table of ends has. The others are as those rows, at other moments."""
 NOTICED_BY_NOBODY_ELSE = {
     "handle_signal", "listen", "mask_signals", "message_sockets", "new_session", "pipe", "socket_of", "stat_of",
     "wall_time",
@@ -135,7 +151,8 @@ def test_each_call_to_the_operating_system_has_a_gate_where_another_process_can_
     assert public - {*GATED} == NOTICED_BY_NOBODY_ELSE
 
 
-@pytest.mark.parametrize("line", some(lambda line: line != LONG, ONCE_WRONG))
+@pytest.mark.slow
+@pytest.mark.parametrize("line", some(lambda line: line in QUICK, ONCE_WRONG))
 def test_what_was_once_wrong_is_right(player: Player, line: str) -> None:
     assert player.play(parsed(line)).wrong == []
 
@@ -258,7 +275,10 @@ def test_a_failure_is_reduced_to_the_faults_that_it_takes() -> None:
     assert str(least.schedule) == "0: kill guardian at guardian:3; kill control at control:3"
 
 
-def test_a_schedule_is_the_same_whenever_it_is_played(player: Player) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("anew", first(1, [False, True]))
+def test_a_schedule_is_the_same_whenever_it_is_played(player: Player, anew: bool) -> None:
     schedule = parsed("23: kill control at control:30; hold guardian 60ms at guardian:20; ask at 31ms")
-    with Player() as another:
-        assert player.play(schedule, trace=True).trace == another.play(schedule, trace=True).trace
+    before = player.play(schedule, trace=True).trace
+    with Player() if anew else nullcontext(player) as another:
+        assert another.play(schedule, trace=True).trace == before

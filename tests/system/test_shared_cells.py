@@ -88,7 +88,7 @@ def test_a_writer_that_ends_after_any_store_leaves_a_whole_bank() -> None:
 TEXTS = st.binary(max_size=40)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=2 * settings().max_examples)
 @given(st.lists(TEXTS, min_size=2, max_size=4), st.integers(0, 2**32))
 def test_a_text_is_read_whole_or_not_at_all(texts: list[bytes], seed: int) -> None:
     random, room = Random(seed), 64 + HEAD.size
@@ -119,7 +119,7 @@ def memories(patch: pytest.MonkeyPatch) -> list[mmap.mmap]:
     return made
 
 
-@pytest.mark.parametrize("seeds", first(1, [40, 2000]))
+@pytest.mark.parametrize("seeds", first(1, [20, 2000]))
 def test_a_request_and_an_answer_are_seen_whole_or_not_yet(seeds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A request whose number was seen before its text gave one that nobody had made: another channel, another value."""
     box, made_memory = Scripted(), memories(monkeypatch)

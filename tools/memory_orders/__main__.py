@@ -43,13 +43,13 @@ def main() -> int:
 
 def _of_cases(quick: bool) -> Iterator[Tried]:
     for case in CASES:
-        for machine in case.machines if case.quick or not quick else ():
+        for machine in case.quick_machines if quick else case.machines:
             yield case.name, machine.name, machine in case.breaks, partial(of_case, case, machine)
 
 
 def _of_mutants(quick: bool) -> Iterator[Tried]:
     for mutant in MUTANTS:
-        for machine in (mutant.found if mutant.quick else ()) if quick else mutant.machines:
+        for machine in mutant.quick_machines if quick else mutant.machines:
             yield mutant.what, machine.name, machine in mutant.found, partial(of_mutant, mutant, machine)
 
 
