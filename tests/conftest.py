@@ -2,6 +2,7 @@
 
 import gc
 import os
+import shutil
 import signal
 import sys
 import tempfile
@@ -51,6 +52,10 @@ FOLDERS = tempfile.TemporaryDirectory(prefix="umo-tests-")
 TESTS = count()
 """The numbers of the tests of this process."""
 os.environ |= {name: str(Path(FOLDERS.name, name)) for name in ("UMO_STATE", "UMO_FRAMES")}
+if "COMPILED_BY" not in os.environ and (cc := shutil.which("cc")) and os.name == "posix":
+    # The runtime of umo is compiled once, not with each of 100 machines. Workers have these from the session.
+    once = {"COMPILED_BY": cc, "COMPILED_ONCE": str(Path(FOLDERS.name, "compiled"))}
+    os.environ |= {**once, "PATH": f"{HERE}helpers/once{os.pathsep}{os.environ['PATH']}"}
 for tier, examples in (("quick", 25), ("full", 100)):
     settings.register_profile(tier, deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=examples)
 settings.load_profile("full")

@@ -92,8 +92,11 @@ class Shifts(Numbers):
 
 @equal
 class ShiftsToTheLeft(Numbers):
+    """Not by 2**31 places: in Python that is a number of 256 MB, unless it is zero."""
+
     def control(self) -> None:
-        self.c = self.n << self.i
+        places = self.i if self.i < 2**16 or self.n == 0 else self.i >> 12
+        self.c = self.n << places
 
 
 @equal

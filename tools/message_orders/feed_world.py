@@ -130,6 +130,7 @@ class FeedWorld:
         except FramesError:
             return False
         self.reader = self.mirror.reader()
+        self._dtype = self.reader.layout.dtype
         self._look()
         return True
 
@@ -138,7 +139,7 @@ class FeedWorld:
         for number in range(self._seen, reader.head):
             data = reader.frame_bytes(number)
             assert data is not None
-            frame = np.frombuffer(data, reader.layout.dtype)[0]
+            frame = np.frombuffer(data, self._dtype)[0]
             is_fresh = frame["quality"].max() == Quality.GOOD
             self._look_at(round(float(frame["time"]) / PERIOD), frame, is_fresh)
         self._seen = reader.head

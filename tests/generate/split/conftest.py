@@ -10,7 +10,7 @@ import pytest
 from helpers.split_parts import ZONE, RunningController, controller_of
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ZONE.program(tmp_path_factory.mktemp("zone"))
 
