@@ -33,7 +33,7 @@ def begin_to_move(axis: Slide) -> None:
 
 @pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(len(RATES))))
 def test_every_period_is_the_same_where_ticks_are_missed_and_channels_fail(seed: int, tmp_path: Path) -> None:
-    random, machine, box, steps = Random(seed), rated_plant_with_axis(RATES[seed]), Fragile(), 10_000 if seed else 3_000
+    random, machine, box, steps = Random(seed), rated_plant_with_axis(RATES[seed]), Fragile(), 10_000 if seed else 1_500
     missed = [random.choice((0, 0, 0, 0, 0, 0, 2, 5, 23)) for _ in range(steps)]
     running = connect(machine, wired(machine, box, VirtualTimer(missed)))
     inputs = [each.path for each in atoms(machine) if isinstance(each, Sensor) and each.path != "timer"]

@@ -106,7 +106,7 @@ def test_a_fleet_is_true_and_in_step_again_whatever_becomes_of_two_messages(flee
 
 @FEED
 def test_a_fleet_at_random(fleet: Run) -> None:
-    assert failing(at_random(FLEET, Net.LETTERS[1:], 40, 0, 40), fleet) == ""
+    assert failing(at_random(FLEET, Net.LETTERS[1:], 24, 0, 40), fleet) == ""
 
 
 @FEED

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import product
 from random import Random
 from typing import Any, NamedTuple
 
@@ -378,6 +380,13 @@ def beyond(law: Calculation) -> bool:
     return any(abs(each) >= 2.0**31 for each in numbers if math.isfinite(each))
 
 
+def pairs(random: Random) -> Iterator[tuple[float, float]]:
+    """At first each word with each other, then what comes."""
+    yield from product(WORDS, WORDS)
+    for _ in range(400):
+        yield number(random), number(random)
+
+
 def number(random: Random) -> float:
     kind = random.randrange(4)
     if kind == 0:
@@ -408,9 +417,9 @@ def whole(random: Random) -> int:
 def test_it_is_what_python_does(name: str, methods: CompiledMethods) -> None:
     random = Random(name)
     with methods.chosen(name) as (law, memory, step):
-        for _ in range(1500):
+        for a, b in pairs(random):
             law.clear()
-            law.a, law.b, law.i, law.j = number(random), number(random), whole(random), whole(random)
+            law.a, law.b, law.i, law.j = a, b, whole(random), whole(random)
             law.colour = random.choice(list(Colour))
             law.last = random.choice((None, number(random)))
             memory.push()

@@ -118,8 +118,10 @@ def _compile(folder: Path, program: Path, profile: str, plant: str) -> None:
     sources = [*folder.glob("umo_*.c"), *(folder / f"{name}.c" for name in ("machine", "machine_link", "main_link"))]
     cc = compiler()
     assert cc is not None
-    command = [cc, *FLAGS, f"-DPROFILE={profile}", f"-I{folder}", "-o", program, *sources]
-    subprocess.run([*command, PEERS / "paced_board.c", PEERS / plant, "-lm"], check=True)
+    board = folder / "paced_board.c"
+    board.write_text(f'#define PROFILE {profile}\n#include "{PEERS / board.name}"\n')
+    command = [cc, *FLAGS, "-fPIC", f"-I{folder}", "-o", program, *sources, board, PEERS / plant, "-lm"]
+    subprocess.run(command, check=True)
 
 
 @contextmanager

@@ -25,5 +25,6 @@ static umo_real pairwise(const umo_real *x, int16_t n)
 
 umo_real umo_sum(const umo_real *x, int16_t n)
 {
-    return pairwise(x, n);
+    const umo_real first = 0; /* as numpy's: the sum of -0.0 alone is 0.0 */
+    return first + pairwise(x, n);
 }
