@@ -234,6 +234,7 @@ def test_a_guardian_killed_while_it_resets_is_followed_by_the_standby_guardian(
     run = running(tmp_path, at=25, action="kill", away=str(away))
     assert "not reached yet" in run.message("notice")["text"]
     os.kill(run.guardian, signal.SIGKILL)
+    run.message("standby")  # who takes over
     assert "not reached yet" in run.message("notice")["text"]
     away.unlink()
     outcome = run.outcome()

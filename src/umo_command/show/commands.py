@@ -86,7 +86,7 @@ def values(
 @command(
     epilog="Examples: umo show page  |  umo show page ztheta --open  |  umo show page --port 8300  |  "
     "umo run ztheta --record run.mcap  |  umo show page run.mcap  |  umo show page --fleet  |  "
-    "umo show page --host 0.0.0.0 --token SECRET-TEXT --certificate cell.pem --key cell.key",
+    "UMO_TOKEN=SECRET-TEXT umo show page --host 0.0.0.0 --certificate cell.pem --key cell.key",
     status="0 ended by Ctrl-C; 2 the command line is wrong (see stderr)",
 )
 def page(
