@@ -25,7 +25,7 @@ from helpers.true_margins import true_margins
 from helpers.waiting import until
 from umo.commissioning.tuning.law_facts import LawFacts
 from umo.commissioning.tuning.live_experiment import moves
-from umo.commissioning.tuning.margins import Gains
+from umo.commissioning.tuning.margins import Gains, margins
 from umo.commissioning.tuning.models import ProcessModel
 from umo.errors import RangeError
 from umo.objects.quality import Quality
@@ -124,6 +124,8 @@ def test_a_trace_gives_the_gains_without_an_experiment(tank: Path, tmp_path: Pat
     data = found(tank, "servo", "--file", trace)
     parameters = {letter: each["value"] for letter, each in data["model"]["parameters"].items()}
     assert parameters == pytest.approx({"K": 5.0, "T": 2.0, "L": 0.1}, rel=0.02)
+    assert [each["name"] for each in data["sets"]] == ["present", "cautious", "balanced", "quick"]
+    assert all(each["gain_margin"] >= least for each, least in zip(data["sets"], (1.0, 3.0, 2.0, 1.6), strict=True))
     still = invoke("tune", "law", tank, "servo", "--file", trace, "--to", "1.9")
     assert still.exit_code == 2
     assert "valve moved by only" in still.output
@@ -253,9 +255,9 @@ def running(started: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Iterato
 @pytest.mark.usefixtures("simple")
 def test_a_running_station_is_tuned_through_the_lease(running: Any) -> None:
     data = found("tank", "servo", "--relay", "10%", "--cycles", "3")
-    gain, phase = true_margins(lagging.MODELS["lag"], balanced(data), lagging.PERIOD)
-    assert gain >= 2.0
-    assert phase >= 45.0
+    true = margins(lagging.MODELS["lag"], balanced(data), lagging.PERIOD)  # as python-control: test_tuning_rules.py
+    assert true.gain >= 2.0
+    assert true.phase >= 45.0
     assert running.valve.read() == pytest.approx(30.0, abs=5.0)
     with running.lease("somebody else"):
         refused = invoke("tune", "law", "tank", "servo", "--relay", "10%")

@@ -11,8 +11,8 @@ from helpers.tuning_plants import DEVELOP, HELD_OUT, plants
 pytest.importorskip("scipy")
 
 TYPICAL = [
-    ("told", 0),
     ("without control is unstable", 3),
+    ("told", 0),
     ("not linear", 28),
     ("without control oscillates", 11),
     ("told", 4),

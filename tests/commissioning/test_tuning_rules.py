@@ -17,7 +17,7 @@ from umo.commissioning.tuning.gain_rules import LEAST, gain_sets
 from umo.commissioning.tuning.identification import POOR_FIT, Identified, identify
 from umo.commissioning.tuning.margins import Gains, SampledModels, margins
 from umo.commissioning.tuning.measured_response import MeasuredResponse
-from umo.commissioning.tuning.models import FIRST_ORDER, INTEGRATOR, OSCILLATING, SECOND_ORDER, ProcessModel
+from umo.commissioning.tuning.models import FIRST_ORDER, INTEGRATOR, OSCILLATING, ProcessModel
 from umo.commissioning.tuning.predicted_step import predicted_step
 from umo.commissioning.tuning.relay_cycles import relay_cycles
 from umo.commissioning.tuning.tuning_result import check_tunable
@@ -107,7 +107,7 @@ def test_what_noise_does_not_exclude_fits_as_well_and_makes_the_stated_margins_s
 
 
 def test_a_gain_that_depends_on_the_amplitude_is_told() -> None:
-    outputs, dt, kinds = np.repeat([20.0, 30.0, 25.0], 100), 0.4, [FIRST_ORDER, SECOND_ORDER]
+    outputs, dt, kinds = np.repeat([20.0, 30.0, 25.0], 100), 0.4, [FIRST_ORDER]
     dead_band = np.maximum(outputs - 20.0 - 3.0, 0.0) + 20.0
     times, model = np.arange(300) * dt, PLANTS["dead time"]
     noise = 0.01 * np.random.default_rng(2).standard_normal(300)

@@ -98,7 +98,7 @@ def sampled_parts(plant: Plant) -> tuple[Any, Any, Any, int]:
 
 def judged(plant: Plant, gains: Gains) -> tuple[bool, float, float]:
     """Whether the loop of the plant without the nonlinearities of its actuator is stable, by its poles; its gain margin
-    (a factor above 1, up or down, whichever is nearer) and its phase margin in degrees."""
+    (a factor above 1, up or down, whichever is nearer) and its phase margin in degrees, both 0 if it is not stable."""
     control = _control()
     dt = plant.dt
     (kept_old, old), (kept, new), out, whole = sampled_parts(plant)
@@ -108,13 +108,14 @@ def judged(plant: Plant, gains: Gains) -> tuple[bool, float, float]:
     b = np.append(new, 1.0)
     process = control.ss(a, b[:, None], np.append(out, 0.0)[None, :], 0.0, dt)
     law = control.ss(_law(gains, dt))
+    closed = control.feedback(_delayed(process, whole) * law, 1)
+    if np.abs(closed.poles()).max() >= 1.0:
+        return False, 0.0, 0.0
     frequencies = np.geomspace(LOWEST / plant.time, np.pi / dt * 0.9999, 2500)
     delay = control.frd(np.exp(-1j * frequencies * whole * dt), frequencies, dt)
     loop = control.frequency_response(process * law, frequencies) * delay
     gain, phase, *_ = control.stability_margins(control.frd(loop.frdata[0, 0], frequencies, dt))
-    closed = control.feedback(_delayed(process, whole) * law, 1)
-    stable = bool(np.abs(closed.poles()).max() < 1.0)
-    return stable, float(max(gain, 1.0 / gain)), float(phase)
+    return True, float(max(gain, 1.0 / gain)), float(phase)
 
 
 def _delayed(process: Any, whole: int) -> Any:
