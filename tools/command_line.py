@@ -56,7 +56,7 @@ actions, alarms and recordings. `umo --show-completion` shows what it would inst
 | file | |
 | --- | --- |
 | `run.json` | station, wiring, options and start of the run; written at the start |
-| `trace.csv` | a row for each period (in a long run for each 2nd, 4th, ...); headings: units, states; `nan`: BAD; `not_good`: the values of the row that are not GOOD |
+| `trace.csv` | a row for each period (of a long run each 2nd, 4th, ...), units, states; `not_good`: what is not GOOD |
 | `trace-000001.csv`, ... | with `--keep SIZE`: one row for each of the latest periods, with at most SIZE in total |
 | `summary.json` | status, failure, and the table printed at the end, as data; in real time written from the start |
 | `plot.png` | the trace and the alarms as a picture; not drawn with `--no-plot` and after Ctrl-C |
