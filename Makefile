@@ -10,8 +10,8 @@ COMPILED := .venv/compiled
 demo: $(STAMP)
 	$(BIN)/umo run ztheta
 
-# Twice as many workers as processors: half of the time tests wait for processes.
-PYTEST := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -n auto --dist worksteal
+# Three times as many workers as processors: most of the time tests wait for processes.
+PYTEST := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((3 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -n auto --dist worksteal
 
 # ARGS goes to pytest here and below: make test ARGS="tests/control/test_pid.py -v". CHANGED=1: the tests that the change
 # since HEAD can reach by imports; CHANGED=REV: since that commit (tools/changed.py).
