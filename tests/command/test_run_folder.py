@@ -339,9 +339,11 @@ def test_a_run_in_which_nothing_changes_is_told_with_the_place_where_it_waits(um
 
 
 def test_a_fault_whose_time_did_not_come_is_told_as_one_that_did_not_begin() -> None:
-    result = RunSummary(Statistics(), Outcome(simulated=2.0), injected=["z stuck at 5 s", "z noise at 1 s"])
+    result = RunSummary(
+        Statistics(), Outcome(simulated=2.0), realtime=True, injected=["z stuck at 5 s", "z noise at 1 s"]
+    )
     summary = result.summary()
-    assert summary["injected_faults"] == ["z stuck at 5 s", "z noise at 1 s"]
+    assert summary["injected_faults"] == faults
     assert summary["injected_faults_not_begun"] == ["z stuck at 5 s"]
     assert "injected_faults_not_begun" not in result.summary(running=True)
     console = Console(record=True, width=120)
@@ -349,3 +351,9 @@ def test_a_fault_whose_time_did_not_come_is_told_as_one_that_did_not_begin() -> 
     text = console.export_text()
     assert "z stuck at 5 s: it did not begin, as the run ended at 2 s" in text
     assert "z noise at 1 s " in text and "2 s in real time" in text
+
+
+def test_a_run_in_virtual_time_that_ends_before_its_first_period_is_not_told_as_one_in_real_time() -> None:
+    console = Console(record=True, width=120)
+    console.print(RunSummary(Statistics()).table("run"))
+    assert "real time" in (text := console.export_text()) and "in real time" not in text

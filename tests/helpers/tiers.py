@@ -22,11 +22,6 @@ def choose(marks: str) -> None:
     _is_quick = marks == QUICK
 
 
-def is_full() -> bool:
-    """Whether other tests run than those of `make test`."""
-    return not _is_quick
-
-
 class LeftOut(pytest.Module):
     """A module without a test that is to run: it is not imported."""
 

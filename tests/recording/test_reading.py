@@ -20,6 +20,7 @@ from tests.helpers.recorded import block_at_random, layout_of
 from umo.commissioning.tuning.recorded_response import recorded_response
 from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError, OptionError, PathError, RangeError
+from umo.objects.quality import told_not_good
 from umo.process.frames.run_reader import NumberedEvent
 from umo.recording import copying
 from umo.recording.recording import Recording
@@ -84,6 +85,11 @@ def test_csv_has_the_numbers_of_the_frames(recorded: Path, tmp_path: Path) -> No
     assert [row[-1] == "" for row in rows] == [not each.any() for each in qualities]
     assert {row[-1] for row in rows} >= {"", "part0.object0=BAD"}
     assert all(row[1].startswith("2023-11-14T") and row[1].endswith("Z") for row in rows)
+
+
+def test_a_number_that_is_no_quality_is_told_as_bad() -> None:
+    told = told_not_good(["level", "flow"], np.array([[0, 3], [250, 5], [0, 0]], np.uint8))
+    assert list(told) == ["flow=STALE", "level=BAD flow=BAD", ""]
 
 
 def test_good_values_are_those_of_good_quality(recorded: Path) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from helpers import tiers
 from helpers.machines import actuator, bench, sensor, switch, timer, wired
+from helpers.tiers import budget
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers import Channel, Direction, Driver, KnowsScale, WiringError
 from umo.errors import OptionError
@@ -792,7 +792,7 @@ WIRINGS = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=150 if tiers.is_full() else 60)
+@budget(60, 150)
 @given(WIRINGS | st.dictionaries(KEYS | st.integers() | st.none(), TREES, max_size=4))
 @example({"drivers": {5: {"type": "simulated"}}, "wire": {"motor": {"driver": "nobody"}}})
 @example({"drivers": {"box": {"type": "simulated", 5: 1}}})
@@ -805,7 +805,7 @@ def test_no_dict_makes_anything_but_faults(wiring):
         resolve(bench(), wiring)
 
 
-@settings(max_examples=150 if tiers.is_full() else 60)
+@budget(60, 150)
 @given(
     st.text(max_size=60)
     | st.lists(

@@ -33,10 +33,13 @@ NOT_GOOD = "not_good"
 
 def told_not_good(paths: Sequence[str], qualities: Any) -> Iterator[str]:
     """Return a text for each row of `qualities`, an array of their numbers with a column for each path: the values that
-    are not GOOD, such as `level=STALE flow=BAD`; "" if all are GOOD."""
+    are not GOOD, such as `level=STALE flow=BAD`; "" if all are GOOD. Other numbers, as in a damaged file, are BAD."""
     if not qualities.any():
         return repeat("", len(qualities))
-    return (" ".join(f"{paths[place]}={QUALITIES[row[place]]}" for place in row.nonzero()[0]) for row in qualities)
+    return (
+        " ".join(f"{paths[place]}={QUALITIES[min(row[place], Quality.BAD)]}" for place in row.nonzero()[0])
+        for row in qualities
+    )
 
 
 def is_good(told: str, path: str) -> bool:

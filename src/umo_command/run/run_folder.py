@@ -59,7 +59,9 @@ class RunSummary:
     progress: Progress = field(default_factory=Progress)
     """Last progress that the machine reported."""
     elapsed: float = 0.0
-    """Wall-clock duration in s of a run in virtual time; 0 in real time."""
+    """Wall-clock duration in s of a run in virtual time."""
+    realtime: bool = False
+    """True if the run keeps the pace of the wall clock."""
     injected: Sequence[str] = ()
     """Faults that were injected on purpose."""
     equipment_faults: FaultLog = field(default_factory=FaultLog)
@@ -68,8 +70,10 @@ class RunSummary:
 
     @property
     def realtime_factor(self) -> float | None:
-        """How many times faster than the clock the run was; None in real time."""
-        return self.outcome.simulated / self.elapsed if self.elapsed and self.statistics.periods else None
+        """How many times faster than the clock the run was; None in real time, and before the first period."""
+        if self.realtime or not (self.elapsed and self.statistics.periods):
+            return None
+        return self.outcome.simulated / self.elapsed
 
     @property
     def failed(self) -> str:
@@ -126,9 +130,8 @@ class RunSummary:
         table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}{why}")
         median, p99 = (NO_VALUE if us is None else duration(us * 1e-6) for us in map(statistics.percentile, (50, 99)))
         table.add_row("execution time of a period", f"median {median}, p99 {p99}")
-        took = "real time"
-        if (factor := self.realtime_factor) is not None:
-            took = f"{duration(self.elapsed)}, {number_text(factor)} x real time"
+        factor = NO_VALUE if self.realtime_factor is None else number_text(self.realtime_factor)
+        took = "real time" if self.realtime else f"{duration(self.elapsed)}, {factor} x real time"
         table.add_row("time", f"{duration(self.outcome.simulated)} in {took}")
         for driver, report in self.outcome.reports.items():
             for name, value in rows("report", report):

@@ -152,8 +152,9 @@ def _run(
 ) -> tuple[RunSummary, bool]:
     """Run, and print its notices. Return the summary, and True if it was recorded as requested. The run's error is in
     the result; the actuators are reset. `faces`: served in real time only."""
-    result = RunSummary(Statistics(), injected=() if plan.wired.injection is None else plan.wired.injection.texts)
-    result.alarms = alarm_log(plan.machine)
+    injected = () if plan.wired.injection is None else plan.wired.injection.texts
+    alarms = alarm_log(plan.machine)
+    result = RunSummary(Statistics(), realtime=plan.wired.realtime, injected=injected, alarms=alarms)
     with RunProgressLine(err) as shown:
         optional = [each for each in (result.alarms, parts) if each is not None]
         kept = [] if folder is None else [trace]

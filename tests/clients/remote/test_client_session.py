@@ -7,12 +7,12 @@ import sys
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers import tiers
 from helpers.client_world import ClientWorld, WorldClient, client_world
 from helpers.own_modules import texts
+from helpers.tiers import budget, some
 from umo.clients.remote.client_session import LEASE_TIME
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused
@@ -90,7 +90,7 @@ step, the others at one that differs from that of their neighbours."""
 
 @pytest.mark.parametrize(
     ("name", "step"),
-    tiers.some(lambda case: case[0] in WHOLE or case in LOST[:: len(STEPS) + 1], LOST),
+    some(lambda case: case[0] in WHOLE or case in LOST[:: len(STEPS) + 1], LOST),
 )
 def test_a_client_that_is_lost_at_any_step_of_a_command_leaves_nothing_and_bars_nobody(name: str, step: str) -> None:
     do = "call" if name in CALLS else name
@@ -241,7 +241,7 @@ class Crowd:
         self.world.step(LONG)
 
 
-@settings(max_examples=30 if tiers.is_full() else 12, deadline=None)
+@budget(12, 30)
 @given(
     st.lists(
         st.tuples(st.integers(0, COUNT - 1), st.one_of(st.sampled_from(DEEDS), st.sampled_from(EVENTS))),
