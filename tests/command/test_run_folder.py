@@ -339,9 +339,8 @@ def test_a_run_in_which_nothing_changes_is_told_with_the_place_where_it_waits(um
 
 
 def test_a_fault_whose_time_did_not_come_is_told_as_one_that_did_not_begin() -> None:
-    result = RunSummary(
-        Statistics(), Outcome(simulated=2.0), realtime=True, injected=["z stuck at 5 s", "z noise at 1 s"]
-    )
+    faults = ["z stuck at 5 s", "z noise at 1 s"]
+    result = RunSummary(Statistics(), Outcome(simulated=2.0), realtime=True, injected=faults)
     summary = result.summary()
     assert summary["injected_faults"] == faults
     assert summary["injected_faults_not_begun"] == ["z stuck at 5 s"]

@@ -104,7 +104,10 @@ def test_a_busy_neighbour_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "preempted for" in verdict.text
 
 
-def test_umo_why_prints_the_last_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_umo_why_prints_the_last_box(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # which has no runs/, as the folder of make demo has
     wiring = patient(tmp_path)
     wiring["drivers"]["box"]["type"] = "helpers.process_box:Slow"
     longest(wiring, "slow_driver", Cause.DRIVER)
