@@ -16,7 +16,16 @@ from conformance import broken, mutants
 from conformance.careful import Careful
 from conformance.mutants import MUTANTS, Mutant
 from conformance.subjects import careful
-from umo.testing.conformance import Certificate, Judgement, all_rules, conform, driver_factory, leak_rules, runner
+from umo.testing.conformance import (
+    Certificate,
+    Judgement,
+    all_rules,
+    conform,
+    driver_factory,
+    leak_rules,
+    runner,
+    timing_rules,
+)
 
 ENOUGH_TO_GROW = 300
 HANGING = 1.0
@@ -139,6 +148,15 @@ def test_a_rule_that_is_broken_fails(words: str) -> None:
     certificate = tried(mutant.driver(), mutant.cycles, [mutant.rule], **changes)
     assert certificate.finding(mutant.rule).verdict is Judgement.FAILED, str(certificate)
     assert certificate.finding(mutant.rule).why
+
+
+def test_a_missing_last_answer_is_found_although_a_call_before_was_answered_once_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    further, right = iter([0, 1, 0, 1]), timing_rules._answers
+    monkeypatch.setattr(timing_rules, "_answers", lambda context, call: right(context, call) + next(further, 0))
+    mutant = MUTANTS["a block of two requests succeeds if the first is answered: writes"]
+    assert tried(mutant.driver(), mutant.cycles, ["timeout"]).finding("timeout").verdict is Judgement.FAILED
 
 
 @pytest.mark.parametrize(

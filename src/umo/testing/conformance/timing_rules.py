@@ -81,19 +81,35 @@ def timeout(context: RuleContext) -> str | None:
 
 def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
     """Raise RuleBroken if a call of several requests succeeds without the last of its answers. A driver that sends
-    requests between its calls is not judged."""
+    requests between its calls is not judged. An attempt that does not come to the last answer is repeated: the computer
+    may have been busy with something else."""
+    for _ in range(TRIES):
+        count = _answers_of_each(context, probe, call)
+        if count == 1:
+            return
+        if count and _judged_without_the_last(context, probe, call, count):
+            return
+
+
+def _answers_of_each(context: RuleContext, probe: Probe, call: DriverCall) -> int:
+    """Return how many answers each of two successful calls has, or 0 if their numbers differ. The driver is connected
+    then, and has the short timeout."""
     counts = set()
     for _ in range(2):
         _alive(context, probe, call)
         probe.timeout = context.patience
         counts.add(_answers(context, call))
         probe.timeout = context.haste
-    if len(counts) > 1 or (count := counts.pop()) < 2:
-        return
+    return counts.pop() if len(counts) == 1 else 0
+
+
+def _judged_without_the_last(context: RuleContext, probe: Probe, call: DriverCall, count: int) -> bool:
+    """Make the call without the last of its answers. Return True if it came to this answer, or if the driver sends
+    requests between its calls."""
     with context.line.counting() as traffic:
         sleep(QUIET_TIME)
     if traffic.asked:
-        return
+        return True
     seen: list[bytes] = []
 
     def last(answer: bytes) -> bytes:
@@ -104,6 +120,7 @@ def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
         error = context.failure(call)
     if error is None and len(seen) == count and context.made_up(probe):
         raise RuleBroken(f"{context.watch.doing} succeeded without the last of {count} answers", MADE_UP)
+    return len(seen) >= count
 
 
 def _answers(context: RuleContext, call: DriverCall) -> int:
