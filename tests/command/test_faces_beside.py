@@ -117,6 +117,21 @@ def test_check_tells_the_faces_and_a_mistake_in_them(station: Path, capsys: pyte
     assert "simulated.toml:6: faces.test_faces_beside:Lamp.wort: unknown key" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("path", "near"),
+    [("level", None), ("*", None), ("run:missed", None), ("levl", " (did you mean 'level'?)"), ("tank", "")],
+)
+def test_check_notes_a_dead_band_that_matches_no_number(
+    station: Path, capsys: pytest.CaptureFixture[str], path: str, near: str | None
+) -> None:
+    (station / "wiring" / "simulated.toml").write_text(f"{WIRING}\n[faces.dead_bands]\n{path!r} = 1.0\n")
+    assert check_station(find(str(station)), None) == 0
+    told = capsys.readouterr().out
+    assert ("faces.dead_bands" in told) is (near is not None)
+    if near is not None:
+        assert f"note: faces.dead_bands: {path!r} is no sensor, actuator or tunable number{near}" in told
+
+
 # The process ----------------------------------------------------------------------------------------------
 
 

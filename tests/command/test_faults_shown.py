@@ -139,6 +139,26 @@ def test_why_shows_the_black_box_of_the_last_run_and_says_if_it_has_none(
             assert ("an earlier run has one" in shown) is not has_box
 
 
+def test_why_shows_a_black_box_of_another_machine_that_is_newer_than_the_last_run(
+    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "runs" / "mill-1"
+    place.mkdir(parents=True)
+    (place / "run.json").write_text(json.dumps({"station": "mill", "started": "2026-01-01T00:00:00+00:00"}))
+    (place / "summary.json").write_text(json.dumps({"status": 0}))
+    with running(tmp_path):
+        assert umo("show", "why", "plant", "--now").exit_code == 0
+    monkeypatch.chdir(tmp_path)
+    for moment, shows_run in ((0.0, False), (4e9, True)):  # when the folder of the run was last changed
+        os.utime(place, (moment, moment))
+        for file in place.iterdir():
+            os.utime(file, (moment, moment))
+        shown = umo("show", "why").stdout
+        assert ("the last run in runs/: mill-1" in shown) is shows_run
+        assert ("plant (rig), run since 20" in shown) is not shows_run
+    assert "the last run in runs/: mill-1" in umo("show", "why", "mill").stdout
+
+
 def test_why_of_a_running_station_in_fault_shows_the_fault_without_an_option(umo: Umo, tmp_path: Path) -> None:
     with running(tmp_path) as m:
         for box in ("plant-20200101-000000-000.box", "mill-20200101-000000-000.box"):  # of earlier runs

@@ -244,7 +244,9 @@ def test_what_cannot_be_done_is_refused_before_anything_is_written() -> None:
         assert "amplitude" in each.last(each.begin(amplitude=-10.0)).text
         number = each.begin(amplitude=40.0)
         each.run(40)
-        assert re.search(r": at most --relay [\d.]+% or --step [\d.]+% or --step -[\d.]+% fits", each.last(number).text)
+        assert re.search(
+            r": at most a relay of [\d.]+% or a step of [\d.]+% or a step of -[\d.]+% fits", each.last(number).text
+        )
         assert each.m.heater.read() == pytest.approx(each.old, abs=0.5)
         first = each.begin()
         assert "in progress" in each.last(each.begin("heater")).text

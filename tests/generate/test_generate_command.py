@@ -195,6 +195,18 @@ def test_check_says_that_all_of_a_machine_translates(good: Path, umo: Umo, targe
     assert "all code can be translated" in umo("check", str(good), "--target", target).stdout
 
 
+@pytest.mark.parametrize(("control", "is_noted"), [(BAD.splitlines()[0], True), (GOOD, False)])
+def test_check_notes_that_laws_which_a_wiring_wants_compiled_will_run_in_python(
+    tmp_path: Path, umo: Umo, control: str, is_noted: bool
+) -> None:
+    folder = station(tmp_path / "tank", control)
+    with (folder / "wiring" / "simulated.toml").open("a") as file:
+        file.write("[process]\ncompile = true\n")
+    told = umo("check", str(folder))
+    note = "note: compile = true: the laws will run in Python: tank/objects.py:17: self.seen[1] = self.level.read()"
+    assert (note in told.stdout, told.exit_code) == (is_noted, 0)
+
+
 def test_check_refuses_a_target_that_there_is_not_before_it_looks_at_anything(good: Path, umo: Umo) -> None:
     told = umo("check", str(good), "--target", "arm")
     assert told.exit_code == 2

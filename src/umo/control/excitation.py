@@ -155,11 +155,11 @@ def room_for(base: Baseline, amplitude: float, low: float, high: float, both: bo
 
 
 def fitting(base: Baseline, low: float, high: float, span: float, units: str) -> str:
-    """Return the largest amplitudes that fit between the bounds, as options of `umo tune law`. `span`: the width of the
-    output's range, of which an amplitude is a share if the width is finite."""
+    """Return the largest amplitudes that fit between the bounds. `span`: the width of the output's range, of which an
+    amplitude is a share if the width is finite."""
     up, down = (room_for(base, sign, low, high, both=False) for sign in (1.0, -1.0))
-    rooms = {"--relay ": min(up, down), "--step ": up, "--step -": down}
-    told = [f"{option}{_share(room, span, units)}" for option, room in rooms.items() if _is_usable(room, span)]
+    rooms = {"a relay of ": min(up, down), "a step of ": up, "a step of -": down}
+    told = [f"{kind}{_share(room, span, units)}" for kind, room in rooms.items() if _is_usable(room, span)]
     return f"at most {' or '.join(told)}" if told else "no amplitude"
 
 
@@ -168,8 +168,8 @@ def _is_usable(room: float, span: float) -> bool:
 
 
 def _share(room: float, span: float, units: str) -> str:
-    """Return an amplitude as an option takes it, rounded down: a share of the range, or a number in its unit."""
+    """Return an amplitude, rounded down: a share of the range, or a number in its unit."""
     value = 100.0 * room / span if isfinite(span) else room
     digit = 10.0 ** (floor(log10(value)) - 1)
     text = number_text(floor(value / digit) * digit)
-    return f"{text}%" if isfinite(span) else f"'{text} {units}'"
+    return f"{text}%" if isfinite(span) else f"{text} {units}"

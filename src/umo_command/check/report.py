@@ -18,10 +18,12 @@ from umo.objects.paths import atoms, path_of
 from umo.operation.alarms.alarming import declared_alarms, turn_text
 from umo.plant.twin.declared import declared_by
 from umo.process.frames import Reader
+from umo.process.frames.machine_items import RUN_ITEMS
 from umo.process.source_files import changed_files, changed_text
 from umo.process.station import Station
-from umo.text import count_of, cut_words, some
+from umo.text import count_of, cut_words, did_you_mean, some
 from umo.wiring import check, resolve
+from umo.wiring.patterns import places_below
 from umo.wiring.process_table import remarks
 from umo.wiring.settings import SettingsError
 from umo.wiring.wired import Wired
@@ -62,7 +64,7 @@ def check_station(
     check_units(machine)
     in_code = reported([*wrong_settings(machine, station.name), *mistakes_in(station, machine)])
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
-    statuses = [_check_wiring(machine, file) or _check_target(machine, file, target) for file in files]
+    statuses = [_check_wiring(machine, file, target) or _check_target(machine, file, target) for file in files]
     for reader in running_in(station.path):
         if changed := changed_text(changed_files(reader.about)):
             out.print(f"note: {station.name} is running (pid {reader.about['pid']}): {changed}", soft_wrap=True)
@@ -100,7 +102,7 @@ def check_recipes(machine: Compound) -> None:
         out.print(f"ok: {book.place}: {count_of(len(book.recipes), 'recipe')}", soft_wrap=True)
 
 
-def _check_wiring(machine: Compound, file: Path | None) -> int:
+def _check_wiring(machine: Compound, file: Path | None, target: str | None) -> int:
     if reported(check(machine, file)):
         return ExitStatus.MISTAKE
     wired = resolve(machine, file)
@@ -132,9 +134,41 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
         out.print(line, soft_wrap=True)
     if late := turn_text(alarms, wired.period):
         out.print(late, soft_wrap=True)
+    notes += [*_without_number(machine, wired), *([] if target == COMPILE else _in_python(machine, wired))]
     for remark in [*remarks(wired), *notes]:
-        out.print(f"note: {remark}", soft_wrap=True)
+        out.print(f"note: {remark}", soft_wrap=True, markup=False)
     return 0
+
+
+def _without_number(machine: Compound, wired: Wired) -> Iterator[str]:
+    """Yield a remark for each dead band of the faces whose path matches no number. Only the run knows the signals."""
+    known = [
+        *(path_of(each) for each in atoms(machine) if not each._has_states),
+        *(f"tunable:{path}" for path, number in numbers_of(machine).items() if number.declared.tunable),
+        *(f"run:{path}" for path, about in RUN_ITEMS.items() if "states" not in about),
+    ]
+    for pattern in wired.faces.get("dead_bands", {}):
+        if not places_below(pattern, known):
+            near = did_you_mean(pattern, known)
+            yield f"faces.dead_bands: {pattern!r} is no sensor, actuator or tunable number{near}; is it a signal?"
+
+
+def _in_python(machine: Compound, wired: Wired) -> Iterator[str]:
+    """Yield a remark if the wiring requests compiled laws and these will run in Python."""
+    if wired.process.compile and (reasons := _not_compiled(machine, wired)):
+        more = f", and {len(reasons) - 1} more (umo check --target {COMPILE} lists all)" if reasons[1:] else ""
+        yield f"compile = true: the laws will run in Python: {reasons[0]}{more}"
+
+
+def _not_compiled(machine: Compound, wired: Wired) -> list[str]:
+    """Return why the laws of a machine cannot be compiled."""
+    from umo.generate.compiled_laws import NotCompiled, source_of
+
+    try:
+        source_of(machine, wired)
+    except NotCompiled as error:
+        return error.reasons
+    return []
 
 
 def _check_target(machine: Compound, file: Path | None, target: str | None) -> int:
@@ -163,16 +197,15 @@ def _check_name_of(target: str | None) -> None:
 
 
 def _untranslated(machine: Compound, file: Path | None, target: str) -> list[str]:
-    from umo.generate.compiled_laws import NotCompiled, source_of
+    """Return what cannot be translated for a target."""
+    if target == COMPILE:
+        return _not_compiled(machine, resolve(machine, file))
     from umo.generate.controller_folder import NotTranslated
     from umo.generate.controller_generator import generated, target_of
 
     try:
-        if target == COMPILE:
-            source_of(machine, resolve(machine, file))
-        else:
-            generated(machine, file, target_of(target))
-    except (NotCompiled, NotTranslated) as error:
+        generated(machine, file, target_of(target))
+    except NotTranslated as error:
         return error.reasons
     return []
 

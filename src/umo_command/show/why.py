@@ -63,8 +63,13 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
 
 
 def _last_run(station: str | None) -> RecordedRun | None:
-    """Return the newest run in `runs/`, of one station or of all stations, or None if there is no run."""
-    return next(iter(newest(recorded(station and station_name(station)))), None)
+    """Return the newest run in `runs/`, of one station or of all stations, or None if there is no run, or if another
+    machine, such as that of a program of its own, has left a newer black box."""
+    run = next(iter(newest(recorded(station and station_name(station)))), None)
+    box = next(reversed(blackbox.boxes(blackbox.folder())), None) if station is None else None
+    if run is not None and box is not None and not _is_of(box, run.station) and modified(box) > run.written:
+        return None
+    return run
 
 
 def _boxes_of(station: str) -> list[Path]:

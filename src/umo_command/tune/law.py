@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from umo.clients.remote import RemoteStation
+from umo.commissioning.tuning.gain_rules import SPEEDS
 from umo.commissioning.tuning.law_facts import LawFacts
 from umo.commissioning.tuning.measured_response import MeasuredResponse
 from umo.commissioning.tuning.plain_result import as_data, finite, settings_of
 from umo.commissioning.tuning.recorded_response import recorded_response
-from umo.commissioning.tuning.tuning_result import FASTER, TuningResult, tuned, tuned_axis
+from umo.commissioning.tuning.tuning_result import FASTER, PRESENT, TuningResult, tuned, tuned_axis
 from umo.cycle.law_loops import Loops
 from umo.errors import FramesError, OptionError, RangeError
 from umo.objects import numbers_of
@@ -68,7 +69,7 @@ class TuningOrder:
     cascade: bool = False
 
     def check(self) -> None:
-        """Raise OptionError unless the order names exactly one source."""
+        """Raise OptionError unless the order names one source and a set of gains, and its options go together."""
         sources = {"--relay": self.relay, "--step": self.step, "--moves": self.moves, "--file": self.file}
         given = [name for name, value in sources.items() if value is not None]
         if len(given) != 1:
@@ -81,6 +82,8 @@ class TuningOrder:
             raise OptionError("with --cascade the amplitude must be a share of the range, such as 10%")
         if self.cascade and (self.sensor or self.actuator):
             raise OptionError("--cascade finds the sensors and actuators: leave out --sensor and --actuator")
+        if self.name not in (names := (*SPEEDS, PRESENT)):
+            raise OptionError(f"--gains: there is no set {self.name!r}: {', '.join(names)}")
         check_picture(self.picture)
 
 
