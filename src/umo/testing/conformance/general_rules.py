@@ -14,7 +14,7 @@ from umo.text import some
 
 @rule(Cost(each=1, calls=2))
 def readings(context: RuleContext) -> None:
-    """A reading is an int, within the bits of its channel."""
+    """A reading is an int, within the bits of its channel. `read_many` also stores only ints."""
     # Also of all readings of the rules before
     if not context.readable:
         raise NotTried("the driver has no inputs")

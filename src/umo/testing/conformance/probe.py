@@ -19,6 +19,28 @@ from umo.testing.conformance.taps import Tap
 T = TypeVar("T")
 
 
+class NotingArray(np.ndarray[Any, Any]):
+    """An array for readings that notes values which are stored in it and are no whole numbers."""
+
+    cut: list[str]
+
+    @classmethod
+    def of(cls, count: int) -> NotingArray:
+        """Return an array without readings."""
+        array = np.full(count, UNREAD).view(cls)
+        array.cut = []
+        return array
+
+    def __array_finalize__(self, other: Any) -> None:
+        self.cut = getattr(other, "cut", [])  # a part of the array notes in the list of the whole
+
+    def __setitem__(self, place: Any, value: Any) -> None:
+        array = np.asarray(value)
+        if array.size and array.dtype.kind not in "iub":
+            self.cut.append(f"values of type {array.dtype}, such as {array.flat[0]}")
+        super().__setitem__(place, value)
+
+
 class Watch:
     """The call that the driver carries out now. Another thread watches the call to find out whether it hangs."""
 
@@ -202,8 +224,10 @@ class Probe:
     def read_many(self, texts: Sequence[str], out: IntArray | None = None) -> list[int]:
         """Read channels into `out`, or into an array like the one that umo passes."""
         channels = self._block(texts)
-        out = np.full(len(texts), UNREAD) if out is None else out
+        out = NotingArray.of(len(texts)) if out is None else out
         self.call(f"read_many of {', '.join(texts)}", self.driver.read_many, channels, out)
+        if isinstance(out, NotingArray) and out.cut:
+            self._note(f"stored {out.cut[0]}; numpy cuts the fraction of a float")
         return [self._checked(channel, raw) for channel, raw in zip(channels, out.tolist(), strict=True)]
 
     def write_many(self, texts: Sequence[str], raws: Sequence[int] | IntArray) -> None:
