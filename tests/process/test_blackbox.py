@@ -360,14 +360,14 @@ def test_a_guardian_that_waits_for_a_box_is_not_taken_for_dead(tmp_path: Path, m
 
     def slow(*arguments: Any) -> None:
         before, guardian = looks.stat().st_size, os.getppid()
-        until(lambda: looks.stat().st_size > before + 15 or os.getppid() != guardian)
+        until(lambda: looks.stat().st_size > before + 25 or os.getppid() != guardian)
         with saved.open("a") as file:
             file.write(".")
         save(*arguments)
 
     monkeypatch.setattr(RunState, "gone", counted)
     monkeypatch.setattr(blackbox, "save", slow)
-    run = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "1 s"}), "fail_at")
+    run = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "2 s"}), "fail_at")
     assert run.outcome().status == 1
     assert saved.read_text() == "."
     assert len(reasons()) == 1
