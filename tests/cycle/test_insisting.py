@@ -295,7 +295,8 @@ def test_code_that_passes_over_what_ends_it_is_ended_by_further_signals(tmp_path
 
     until(insist)
     assert child.wait_status is not None
-    assert os.waitstatus_to_exitcode(child.wait_status) == 128 + signal.SIGTERM
+    # A further signal may come when all is reset and its handling has been given back.
+    assert os.waitstatus_to_exitcode(child.wait_status) in (128 + signal.SIGTERM, -signal.SIGTERM)
     _, line = case.told.read_text().splitlines()
     assert line.startswith(f"umo: the application does not end: {HERE}:")
     passed_over = " in wait_for_ever, and it catches the exception that should end it; every actuator is at its default"

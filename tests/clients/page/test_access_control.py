@@ -200,16 +200,12 @@ def test_the_address_that_has_the_most_makes_room_for_another(monkeypatch: pytes
     "begun", [b"", b"GET / HT", b"POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n"]
 )
 def test_a_connection_that_does_not_show_the_token_is_cut_off(monkeypatch: pytest.MonkeyPatch, begun: bytes) -> None:
-    monkeypatch.setattr(unauthenticated, "TOKEN_TIMEOUT", 0.2)
-    with (
-        running(),
-        serving() as served,
-        opened(served.socket) as page,
-        socket.create_connection(("127.0.0.1", served.port), PATIENCE) as half,
-    ):
-        half.sendall(begun)
-        with suppress(ConnectionResetError):
-            assert half.recv(100) == b""
+    with running(), serving() as served, opened(served.socket) as page:
+        monkeypatch.setattr(unauthenticated, "TOKEN_TIMEOUT", 0.2)
+        with socket.create_connection(("127.0.0.1", served.port), PATIENCE) as half:
+            half.sendall(begun)
+            with suppress(ConnectionResetError):
+                assert half.recv(100) == b""
         page.get("state")  # a page that has it stays
 
 

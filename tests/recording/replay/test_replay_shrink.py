@@ -137,11 +137,15 @@ def failing_conveyor() -> MemoryTape:
 
 def test_a_shrunk_recording_gives_the_same_error_and_says_that_it_is_open_loop(umo: Umo, tmp_path: Path) -> None:
     file = save(failing_conveyor(), tmp_path / "run.mcap")
-    result = umo("recording", "shrink", str(file), "--for", "1")
-    assert result.exit_code == 0, result.output
-    assert "in open loop they give the same error" in result.stdout
     short = tmp_path / "run.shrunk.mcap"
-    assert short.stat().st_size < file.stat().st_size
+    for seconds in ("1", "20"):  # more time, where a busy computer came to nothing
+        short.unlink(missing_ok=True)
+        result = umo("recording", "shrink", str(file), "--for", seconds)
+        assert result.exit_code == 0, result.output
+        assert "in open loop they give the same error" in result.stdout
+        if is_smaller := short.stat().st_size < file.stat().st_size:
+            break
+    assert is_smaller
     again = umo("recording", "replay", str(short))
     assert again.exit_code == 0 and "in open loop, of which only the error is compared" in again.stdout, again.output
     told = {
