@@ -95,16 +95,9 @@ class Bays(Compound):
                 self.worst = float(20.0 + good[number] / 10.0)
 
 
-class FewBays(Bays):
-    """What fits a small controller: without the cascade."""
-
-    def _fill(self) -> None:
-        """Nothing."""
-
-
-def bays(count: int = 5, beyond: float = 0.0, kind: type[Bays] = Bays) -> Bays:
+def bays(count: int = 5, beyond: float = 0.0) -> Bays:
     """`beyond`: time in ms by which the ages that are allowed are longer than whole periods."""
-    return kind(timer=timer(), bays=[_bay(number, beyond) for number in range(count)])
+    return Bays(timer=timer(), bays=[_bay(number, beyond) for number in range(count)])
 
 
 def _bay(number: int, beyond: float) -> Bay:

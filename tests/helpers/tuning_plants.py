@@ -73,10 +73,6 @@ class Plant:
         """The sum of its time constants and the dead time."""
         return self.dead_time + sum(1.0 / abs(each) for each in (*self.poles, *self.zeros))
 
-    @property
-    def is_linear(self) -> bool:
-        return not (self.dead_band or self.backlash or self.stiction) and self.saturation == inf
-
     def described(self) -> str:
         lags = ", ".join(f"{each:.3g}" for each in self.poles)
         zeros = ", ".join(f"{each:.3g}" for each in self.zeros)
