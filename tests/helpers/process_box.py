@@ -418,14 +418,15 @@ FAULTS = {"raise": _fail, "hang": _hang, "crash": _crash, "kill": _kill, "leave"
 
 
 class Faulty(Box):
-    """`fault="open:raise close:hang reset.valve:leave"`: each time the call is made (for the valve), it does this."""
+    """`fault="open:raise close:hang reset.valve:leave"`: each time the call is made (for the valve), it does this,
+    until there is a file of the same name with the suffix `.repaired`."""
 
     def __init__(self, *, fault: str, file: str) -> None:
         super().__init__(file=file)
         self._faults = dict(each.split(":") for each in fault.split())
 
     def _fault(self, call: str) -> None:
-        if call in self._faults:
+        if call in self._faults and not self._file.with_suffix(".repaired").exists():
             FAULTS[self._faults[call]]()
 
     def open(self) -> None:

@@ -1,8 +1,7 @@
-"""`umo do STATION mode`, `call`, `tune`, `stop`, and `umo device get` and `umo device set` for a station that runs."""
+"""`umo do STATION mode`, `call`, `tune`, and `umo device get` and `umo device set` for a station that runs."""
 
 from __future__ import annotations
 
-import os
 import signal
 import time
 from collections.abc import Iterator, Sequence
@@ -24,13 +23,12 @@ from umo.objects.presentation.value_text import shown_unit, span
 from umo.operation.commands.verbs import CALL, TUNE
 from umo.process.frames import Reader, RunReader
 from umo.process.source_files import changed_files, changed_text
-from umo.system.processes import user_name
 from umo.system.streams import limit_waits
 from umo.text import add_note, did_you_mean, printable, some
 from umo_command.console import err, out, say
 from umo_command.progress_line import OneLine
 from umo_command.running_names import not_an_object
-from umo_command.show.stations import attach, how_ended, how_to_clear
+from umo_command.show.stations import attach, how_to_clear
 from umo_command.tune.kept import toml_line
 from umo_command.values import argument, number, state
 
@@ -81,14 +79,6 @@ def mode(name: str, wanted: str | None, over: bool) -> None:
         title, holder = station.reader.about["station"], printable(station.reader.now().holder)
         lease = f"  lease: {holder}" if holder and wanted is None else ""
         out.print(f"{title}  {wanted or station.mode or 'takes no commands'}{lease}")
-
-
-def stop(name: str) -> None:
-    with station_of(name) as station:
-        station.stop(f"{user_name()}, umo do {station.reader.about['station']} stop (pid {os.getpid()})")
-        while station.running:
-            time.sleep(PICTURE_PAUSE)
-        out.print(how_ended(station.reader), soft_wrap=True)
 
 
 def call(name: str, path: str | None, words: Sequence[str], over: bool, hold: float | None) -> int:

@@ -18,7 +18,8 @@ command = HelpPanel("Operate")
     "umo do ztheta call home  |  umo do ztheta call z.move_to 'position=100 mm'  |  "
     "umo do ztheta call z.jog velocity=-5000 --for 2s  |  umo do ztheta acknowledge  |  umo do ztheta stop",
     status="0 done; 1 the machine, a device or code failed; 2 the command is wrong or refused, or the hold ended "
-    "early (see stderr); 130 Ctrl-C (0 if Ctrl-C ended a hold without --for)",
+    "early (see stderr); 3 after stop: an actuator may not be at its default; 130 Ctrl-C (0 if Ctrl-C ended a hold "
+    "without --for)",
 )
 def do(
     station: Annotated[
@@ -59,6 +60,8 @@ def do(
     `acknowledge` and `clear` take several paths and patterns; without a path they apply to everything. If a run ended
     unsafely, no other run can use its devices. `acknowledge` with the name of the station or device allows the next
     run. Inspect the machine first.
+
+    `stop` waits until the actuators are at their defaults, or until umo has given up a device that does not answer.
 
     For the examples, start `umo run ztheta --manual` in another terminal, which ends with status 143 after `stop`.
     """

@@ -21,9 +21,9 @@ from umo_command.do.commanding import (
     mode,
     set_running,
     station_of,
-    stop,
     tune,
 )
+from umo_command.do.stopping import stop
 from umo_command.show.stations import attach, readers
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
 from umo.cycle.events import CommandState
+from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
 from umo.objects.presentation.rows import ANY
 from umo.objects.presentation.run_facts import ALARMS, FREE, IN_FAULT, fault_texts, since
@@ -33,11 +34,15 @@ CHANGED = "changed"
 def show_stations(as_json: bool = False) -> None:
     unread: list[str] = []
     found = list(_lines(unread.append))
-    stopped = standing()
+    stopped, silent = standing(), _silent({data["station"] for data, _ in found if data["state"] != str(Stage.ENDED)})
     for text in unread:
         say(text)
     if as_json:
-        listed = {"running": [data for data, _ in found], "stopped": [vars(ended) for ended in stopped]}
+        listed = {
+            "running": [data for data, _ in found],
+            "uncontrolled": [vars(held) for held in silent],
+            "stopped": [vars(ended) for ended in stopped],
+        }
         out.print_json(json.dumps(listed), ensure_ascii=True)
         return
     if found:
@@ -46,6 +51,9 @@ def show_stations(as_json: bool = False) -> None:
             _remark(data, facts, [each["station"] for each, _ in found].count(data["station"]) > 1)
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
+    for held in silent:
+        what = "the run begins, or its actuators are being brought to their defaults"
+        out.print(printable(f"{held.station} uses {held.device}: {what}"), soft_wrap=True, markup=False)
     if found and len(stopped) > MAX_STOPPED:
         listing = "`umo show stations --json` lists them"
         out.print(f"must be acknowledged: {count_of(len(stopped), 'machine')}; {listing}", soft_wrap=True)
@@ -150,6 +158,15 @@ def standing() -> list[Ended]:
     ended. The newest are first."""
     found = [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
     return sorted(found, key=lambda ended: ended.when, reverse=True)
+
+
+def _silent(shown: Collection[str]) -> list[Ended]:
+    """Return the records of runs that hold a device and are not under control. `shown`: the stations that are."""
+    return [
+        each
+        for each in all_standing()
+        if each.state == "running" and each.station not in shown and is_held(each.device)
+    ]
 
 
 def _told(reader: RunReader) -> tuple[dict[str, Any], dict[str, str]]:
