@@ -207,7 +207,8 @@ class DeviceTimeout(DriverError, TimeoutError):
 
 
 class ChannelsFailed(DriverError):
-    """Some channels of a driver's block transfer failed; all others were transferred.
+    """Some channels of a driver's block transfer failed; all others were transferred. The device answers, so umo does
+    not look for it.
 
     `causes` maps the text of each failed channel to an exception or a string. Only the text of an exception is kept.
     """

@@ -166,7 +166,7 @@ def test_the_limits_of_the_outer_law_bound_the_experiment() -> None:
         number = each.begin(amplitude=45.0)
         each.run(40)
         assert "in a range of 10 to 90" in each.last(number).text
-        assert "at most --relay 49% or" in each.last(number).text
+        assert "at most a relay of 49% or" in each.last(number).text
 
 
 def client_died(each: Rig) -> None:

@@ -15,7 +15,7 @@ from helpers.tiers import budget
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Quality, connect
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.phase_times import PhaseTimes
-from umo.drivers import ChannelsFailed, DeviceTimeout, DriverError, Looks
+from umo.drivers import ChannelsFailed, DeviceTimeout, Driver, DriverError, Looks
 from umo.drivers.absence import LONG_ABSENCE
 from umo.states import OnOff
 from umo.testing import Scripted, periods
@@ -41,6 +41,12 @@ class Box(Scripted, Looks):
 
     def back(self) -> None:
         self.broken = None
+
+
+class WithoutBlocks(Box):
+    """A circuit whose blocks are transferred channel by channel."""
+
+    read_many, write_many = Driver.read_many, Driver.write_many  # type: ignore[assignment]
 
 
 class Blind(Scripted):
@@ -344,6 +350,20 @@ def test_a_device_that_was_away_for_long_is_initialised_before_anything_is_sent_
         assert (m.motor.read(), m.motor.quality) == (4.0, Quality.GOOD)
 
 
+def test_a_device_that_refused_each_channel_for_long_is_initialised_before_anything_is_sent() -> None:
+    box, m = WithoutBlocks(), held()
+    with running(m, box):
+        m.motor.write(3.0)
+        periods(m)
+        box.broken = ConnectionRefusedError("connection refused")
+        run(m, LONG_ABSENCE + 0.01)
+        box.back()
+        since = len(box.calls)
+        run(m, 1.0)
+        assert calls(box, since)[:8] == [*["initialize"] * 4, "read", "read", "write", "write"]
+        assert (m.motor.read(), m.motor.quality) == (3.0, Quality.GOOD)
+
+
 def test_the_absence_is_told_once_and_its_end_with_its_duration(caplog: pytest.LogCaptureFixture) -> None:
     box, m = Box(), held()
     with running(m, box) as connection:
@@ -359,7 +379,7 @@ def test_the_absence_is_told_once_and_its_end_with_its_duration(caplog: pytest.L
         assert [record.message for record in caplog.records] == events(connection)
 
 
-@pytest.mark.parametrize("kind", [Box, Blind])
+@pytest.mark.parametrize("kind", [Box, Blind, WithoutBlocks])
 @pytest.mark.parametrize("cause", [OSError("busy"), DeviceTimeout("no answer")])
 def test_an_absence_is_told_once_it_has_lasted(kind: type[Box], cause: OSError) -> None:
     box, m = kind(), held()

@@ -25,7 +25,7 @@ from umo.drivers.optional import (
 )
 from umo.drivers.simulated import Simulated
 from umo.drivers.wrapping import Wrapper, bare
-from umo.errors import ChannelsFailed, DeclarationError, DeviceTimeout, WiringError
+from umo.errors import ChannelsFailed, DeclarationError, DeviceTimeout, DriverError, WiringError
 from umo.testing import Scripted
 
 
@@ -152,8 +152,26 @@ def test_the_timeout_of_single_transfers_that_are_quick_is_not_touched(monkeypat
 
 def test_a_reading_that_is_no_integer_is_not_truncated():
     driver = Scripted({"0": 2.5})
-    with pytest.raises(ChannelsFailed, match=r"^0: the reading of channel 0 is 2.5 \(float\): a whole number is"):
+    with pytest.raises(DriverError, match=r"^the reading of channel 0 is 2.5 \(float\): a whole number is"):
         Driver.read_many(driver, CHANNELS[:1], np.zeros(1, np.int64))
+
+
+@pytest.mark.parametrize("many", ["read_many", "write_many"])
+@pytest.mark.parametrize(
+    ("texts", "told"),
+    [(("refused", "refused"), "refused"), (("refused", "unplugged"), "0: refused and 1: unplugged")],
+)
+def test_if_every_channel_fails_it_is_not_said_that_the_device_transferred_others(many, texts, told):
+    class Refuses(Least):
+        def read(self, channel):
+            raise OSError(texts[int(channel.text)])
+
+        def write(self, channel, raw):
+            raise OSError(texts[int(channel.text)])
+
+    with pytest.raises(DriverError) as caught:
+        getattr(Refuses(), many)(CHANNELS[:2], np.zeros(2, np.int64))
+    assert (type(caught.value), str(caught.value)) == (DriverError, told)
 
 
 def test_a_reading_that_is_no_integer_fails_for_its_channel_with_the_place_of_read():

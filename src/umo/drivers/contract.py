@@ -17,7 +17,7 @@ from typing_extensions import TypeVar
 
 from umo.drivers.optional import check_named
 from umo.errors import ChannelsFailed, DriverError, text_of
-from umo.text import cut_repr, in_brackets, is_own, shown_place
+from umo.text import cut_repr, in_brackets, is_own, shown_place, some
 from umo.user_code import check_overrides, definition, incomplete
 
 IntArray = npt.NDArray[np.int64]
@@ -253,7 +253,9 @@ def not_whole(driver: Driver[Any], channel: Channel, reading: object) -> DriverE
 
 def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[int, C], None]) -> None:
     """Transfer a block channel by channel within the block's timeout. Each transfer gets the remaining time, but at
-    least `LEAST_SHARE` of the timeout. Raises ChannelsFailed with the channels that failed without a timeout."""
+    least `LEAST_SHARE` of the timeout. Raises ChannelsFailed with the channels that failed without a timeout, if
+    another channel was transferred. If none was, it is not known whether the device answers: the error of the channels
+    is raised, or a DriverError that names them if their errors differ."""
     failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
     timeout, began = driver.timeout, monotonic()
     quick = began + QUICK_SHARE * timeout
@@ -269,5 +271,8 @@ def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[in
                 failed[channel.text] = text_of(error)
     finally:
         driver.timeout = timeout
-    if failed:
+    if failed and len(failed) < len(channels):
         raise ChannelsFailed(failed)
+    if failed:
+        same = set(failed.values())
+        raise DriverError(same.pop() if len(same) == 1 else some([f"{each}: {why}" for each, why in failed.items()]))
