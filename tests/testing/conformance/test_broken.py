@@ -60,6 +60,8 @@ HEARTBEATS = (
     "reset of an input writes zero to an output",
     "it replaces the sockets of the process",
     "a block of two requests succeeds if the first is answered: writes",
+    "a block stores numbers with a fraction",
+    "a block names all of its channels while the device is away",
     "reading strobes an output",
     "the gaps of a block of writes are zero",
     "an initialise that failed is not made again",

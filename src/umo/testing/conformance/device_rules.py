@@ -11,7 +11,7 @@ from typing import Any
 
 from umo.cycle.connect import connect
 from umo.duration import duration
-from umo.errors import DriverError, WiringError, text_of
+from umo.errors import ChannelsFailed, DriverError, WiringError, text_of
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.device_record import DeviceClaim
 from umo.testing.conformance.probe import Probe
@@ -84,7 +84,8 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, man
 
 @rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=10))
 def vanish(context: RuleContext) -> str | None:
-    """While the device is away, each call fails in time. When the device is back, the next call works, however many
+    """While the device is away, each call fails in time, and not with ChannelsFailed, which says that the device
+    answers. When the device is back, the next call works, however many
     calls have failed. (If none has failed, the first call may find the end of the connection.) Its reading is right,
     and failed writes are not repeated. A level that was written before is written again if it is requested, alone and
     as a block, because the device may have lost it."""
@@ -98,8 +99,11 @@ def vanish(context: RuleContext) -> str | None:
         probe.timeout = context.haste
         with loss():
             for call in (*alone, *reversed(context.transfers(probe, default=False))):
-                if in_time(context, probe, call) is None:
+                error = in_time(context, probe, call)
+                if error is None:
                     raise RuleBroken(f"{context.watch.doing} succeeded while the device was away")
+                if isinstance(error, ChannelsFailed):
+                    raise RuleBroken(f"{context.watch.doing} raised ChannelsFailed, as if the device answered")
             other = _not_opened(context)
             for _ in context.as_time_allows(range(MANY_FAILURES), 0, "failures in a row"):
                 context.failure(context.transfers(probe)[0])
