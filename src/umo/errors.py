@@ -323,17 +323,19 @@ def text_of(error: BaseException) -> str:
     return text_later(error)()
 
 
-def text_later(error: BaseException) -> Callable[[], str]:
+def text_later(error: BaseException, *, placed: bool = False) -> Callable[[], str]:
     """Return a function that makes the text of an exception later, because making the text calls the user's code
     (`__str__`), which may be slow. The place is determined now, so that the error may lose its frames before the text
-    is made."""
-    return partial(_text_of, error, raised_at(error))
+    is made. `placed`: the text of a mistake that umo has found, such as a value that is not finite, has its place too;
+    failures of devices and of tasks explain themselves."""
+    return partial(_text_of, error, raised_at(error), placed)
 
 
-def _text_of(error: BaseException, place: CodePlace | None) -> str:
+def _text_of(error: BaseException, place: CodePlace | None, placed: bool = False) -> str:
     said = str_of(error).strip()
     if said and isinstance(error, UmoError | OSError | Interrupted):
-        return in_a_line(said)
+        is_mistake = isinstance(error, UmoError) and not isinstance(error, DriverError | TaskFailed)
+        return in_a_line(said) + (in_brackets(shown_place(place)) if placed and is_mistake else "")
     first = said.partition("\n")[0]
     near = _nearest_attribute(error) if isinstance(error, AttributeError) else ""
     return ": ".join(filter(None, (type(error).__name__, first))) + near + in_brackets(shown_place(place))

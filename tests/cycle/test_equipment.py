@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import gc
+import logging
+import re
 import weakref
 from collections.abc import Iterator, Sequence
+from math import nan
 from typing import Any
 
 import pytest
@@ -60,6 +63,29 @@ def test_what_fails_in_equipment_brings_it_to_its_defaults_and_nothing_else(rig:
     rig.periods(5)
     assert rig.m.acted == acted + 7
     assert [text for text in rig.texts if "fault" in text] == [f"a: in fault: {a.cycle.fault}"]
+
+
+@pytest.mark.parametrize("where", ["law", "sequence"])
+def test_the_reason_of_a_mistake_that_umo_finds_in_equipment_has_its_place_and_the_log_its_traceback(
+    rig: Rig, where: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "umo")
+
+    def mistaken() -> None:
+        rig.m.a.heater.write(nan)
+
+    async def phase() -> None:
+        mistaken()
+
+    run_both(rig)
+    if where == "law":
+        rig.m.a.law = mistaken
+    else:
+        rig.m.a.cycle.start(phase())
+    rig.periods(2)
+    assert re.fullmatch(r"a\.heater: nan is not finite \(\S*test_equipment\.py:\d+ in mistaken\)", rig.m.a.cycle.fault)
+    (record,) = (each for each in caplog.records if each.levelno == logging.DEBUG)
+    assert record.message == "a: in fault" and "rig.m.a.heater.write(nan)" in caplog.text
 
 
 @pytest.mark.parametrize("fail", FAILURES)

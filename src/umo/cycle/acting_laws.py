@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
 from types import MethodType
 
-from umo.cycle.equipment import Containment, Equipment
+from umo.cycle.equipment import Containment, Equipment, fault_reason
 from umo.cycle.image import Image
 from umo.cycle.not_awaited import expects_errors
 from umo.cycle.rate_groups import RateGroups
 from umo.cycle.writes import Turn
-from umo.errors import forget_frames, text_later
+from umo.errors import forget_frames
 from umo.objects import Node, walk
 from umo.user_code import is_interrupt, refuse_exit
 
@@ -108,7 +108,7 @@ class ActingLaws:
             if equipment is None:
                 refuse_exit(error, "control")
                 raise
-            failed = {equipment: text_later(error)}
+            failed = {equipment: fault_reason(equipment, error)}
             forget_frames(error)
             self._act_on(laws, failed)
         finally:
@@ -129,7 +129,7 @@ class ActingLaws:
                 if equipment is None:
                     refuse_exit(error, "control")
                     raise
-                failed.setdefault(equipment, text_later(error))
+                failed.setdefault(equipment, fault_reason(equipment, error))
                 forget_frames(error)
             finally:
                 turn.law = None

@@ -7,6 +7,7 @@ other parts of the machine continue. A failure that no declared equipment contai
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ from umo.objects.paths import is_within
 from umo.objects.sensors import Sensor
 from umo.text import in_a_line, some
 from umo.user_code import is_interrupt
+
+log = logging.getLogger("umo")
 
 CLEANING_UP = "while cleaning up: "
 """The first words of the event about an error in a sequence or motion that a fault has ended."""
@@ -214,7 +217,7 @@ class Containment:
         equipment = self.innermost(part)
         if equipment is None or is_interrupt(error):
             return False
-        self._fail(equipment, text_later(error))
+        self._fail(equipment, fault_reason(equipment, error))
         return True
 
     def _fail(self, equipment: Equipment, text: Callable[[], str]) -> None:
@@ -241,7 +244,7 @@ class Containment:
                 return True
         if equipment is None:
             return False
-        text = text_later(error)
+        text = fault_reason(equipment, error)
         self._fail(equipment, text)
         task.fail(error, text)
         return True
@@ -361,6 +364,13 @@ def _cleaning_up_event(now: float, path: str, text: Callable[[], str]) -> Event:
 
 def _text_of_failures(what: str, failures: Sequence[Failure]) -> str:
     return str(DriverError(what, failures))
+
+
+def fault_reason(equipment: Equipment, error: BaseException) -> Callable[[], str]:
+    """Return a function that makes the reason of a fault from an error. If the log "umo" takes debug messages, it gets
+    the traceback now, because the error may lose its frames."""
+    log.debug("%s: in fault", equipment.path, exc_info=error)
+    return text_later(error, placed=True)
 
 
 def _fault_event(now: float, path: str, reason: Callable[[], str]) -> Event:

@@ -43,7 +43,7 @@ from umo.system.device_record import INSPECT, DeviceClaim
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
 from umo.system.realtime import CorePlace
 from umo.system.signal_handling import SIGNALS
-from umo.system.streams import late, never_wait, send_waiting
+from umo.system.streams import late, log_tracebacks, never_wait, send_waiting
 from umo.text import in_brackets, some
 
 OOM_SCORE_CHANGE = -500
@@ -69,6 +69,8 @@ def main(file: int, job_file: int) -> int:
         calls.mask_signals(signal.SIG_UNBLOCK, SIGNALS)  # the starter has blocked them until here
         with open(job_file, "rb") as opened:
             job = Job.load(opened.read())
+        if job.traceback:
+            log_tracebacks()
         plan = Plan(job)
         name = plan.name
         plan.prepared = prepare_if_asked(plan.machine, plan.wired, lambda text: channel.send("notice", text=text))

@@ -45,6 +45,8 @@ class Job:
     """True if the run starts in manual mode: the application waits until the mode is automatic."""
     fresh: bool = False
     """True if the run starts without the kept values of the last run."""
+    traceback: bool = False
+    """True if the traceback of an error that puts equipment into fault is printed."""
     until: float | None = None
     """Time in s on the machine's clock at which the run is stopped."""
     path: list[str] = field(default_factory=lambda: list(sys.path))

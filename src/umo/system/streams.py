@@ -313,6 +313,13 @@ def log_on_lines() -> None:
     logging.lastResort = handler
 
 
+def log_tracebacks() -> None:
+    """Let the log of umo have tracebacks of errors that do not end the run: its messages of the level DEBUG."""
+    logging.getLogger("umo").setLevel(logging.DEBUG)
+    if logging.lastResort is not None:
+        logging.lastResort.setLevel(logging.DEBUG)
+
+
 def _steady(number: int, before: TextIO | None) -> TextIO:
     with suppress(OSError, ValueError, AttributeError):
         before.flush()  # type: ignore[union-attr]

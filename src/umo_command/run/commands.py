@@ -96,7 +96,7 @@ def run(
         bool, typer.Option("--no-faces", help="Do not serve the faces of the wiring (see umo connect face).")
     ] = False,
     full_traceback: Annotated[
-        bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
+        bool, typer.Option("--traceback", help="Show the full traceback of an exception, also of one in equipment.")
     ] = False,
     help_: Help = False,
 ) -> int:

@@ -30,7 +30,7 @@ from umo.system.folders import replaced
 from umo.system.packages import how_to_install
 from umo.system.processes import HASH_SEED
 from umo.system.signal_handling import SIGNALS, handling
-from umo.system.streams import limit_waits, lost_lines, send_waiting
+from umo.system.streams import limit_waits, log_tracebacks, lost_lines, send_waiting
 from umo_command.console import err, out, say
 from umo_command.progress_line import RunProgressLine
 from umo_command.run.event_lines import EventLines
@@ -76,6 +76,9 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
     wiring. In real time the station runs in separate processes (`umo.process`), in virtual time in this process.
     """
     limit_waits()
+    if full_traceback:
+        job.traceback = True
+        log_tracebacks()
     status = _run_station(job, record, full_traceback, serve)
     if lost := send_waiting():
         say(lost_lines(lost))
