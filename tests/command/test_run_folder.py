@@ -38,12 +38,16 @@ def folder(tank: Path) -> Path:
 
 @contextmanager
 def largest_file(size: int) -> Iterator[None]:
-    """As on a full disk: no file grows beyond this (setrlimit(2))."""
+    """As on a full disk: no file grows beyond this (setrlimit(2)). Python writes no bytecode meanwhile: it does not
+    notice that its file was cut, and later runs of Python could not read it."""
     resource = pytest.importorskip("resource")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
-        yield
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(sys, "dont_write_bytecode", True)
+            patched.setenv("PYTHONDONTWRITEBYTECODE", "1")
+            yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
@@ -141,6 +145,16 @@ def test_ctrl_c_while_the_plot_is_drawn_changes_neither_the_status_nor_leaves_a_
     )
     assert {file.name for file in folder(quick).iterdir()} == {"run.json", "summary.json", "trace.csv"}
     assert "trace: runs/tank-" in result.stdout
+
+
+@pytest.mark.parametrize(("until", "end"), [("3", "ended at 3 s (--until)"), ("11", "done")])
+def test_the_title_of_the_plot_says_how_a_run_without_progress_ended(
+    umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch, until: str, end: str
+) -> None:
+    titles = []
+    monkeypatch.setattr(plot, "save_plot", lambda trace, path, title: titles.append(title) or path.write_text(""))
+    umo("run", "tank", "--until", until)
+    assert titles == [f"umo run tank: {end}"]
 
 
 def test_a_second_ctrl_c_while_a_run_ends_removes_no_record(
