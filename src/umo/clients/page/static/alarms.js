@@ -54,8 +54,10 @@ export class AlarmList {
 
   /** @param {Page.Alarm} alarm @param {Feed} feed */
   _row(alarm, feed) {
-    const { path, priority, state, text, since, note, who } = alarm;
-    const when = since === null ? "" : wallTime(feed.state?.utc, since) || clockText(since);
+    const { path, priority, state, text, since, until, who } = alarm;
+    const moment = (/** @type {number} */ time) => wallTime(feed.state?.utc, time) || clockText(time);
+    const when = since === null ? "" : moment(since);
+    const note = [alarm.note, until === null ? "" : `until ${moment(until)}`].filter(Boolean).join("; ");
     return el("tr", { "data-alarm": path, "data-state": state, "data-priority": priority },
       el("td", { className: "sign", title: priority, textContent: SIGNS[/** @type {keyof typeof SIGNS} */ (priority)] ?? "●" }),
       el("td", { className: "text", title: note }, el("strong", { textContent: text }), el("small", { textContent: ` ${path}${note ? ` · ${note}` : ""}` })),
