@@ -46,6 +46,11 @@ class AlarmRow(NamedTuple):
         return self.state in ANNUNCIATED
 
     @property
+    def active(self) -> bool:
+        """True if the alarm is active, shelved or not."""
+        return self.state in ACTIVE
+
+    @property
     def asks(self) -> bool:
         """True if the alarm must be acknowledged."""
         return self.state in TO_BE_ACKNOWLEDGED
@@ -114,7 +119,7 @@ def _with_times(row: AlarmRow, times: AlarmTimes, begun: float | None) -> AlarmR
         row = row._replace(raised=int(times.raised), first=times.first, last=times.last)
     if row.state in SHELVED_STATES and 0 < times.shelved_until < inf:
         row = row._replace(until=times.shelved_until, note="")
-    return row._replace(since=begun) if row.annunciated or row.state in ACTIVE else row
+    return row._replace(since=begun) if row.annunciated or row.active else row
 
 
 def _order(row: AlarmRow) -> tuple[Any, ...]:

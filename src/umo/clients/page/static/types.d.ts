@@ -78,6 +78,8 @@ declare namespace Page {
     /** s on the cycle's clock: the end of its shelving; null: not shelved, or not known. */
     until: number | null;
     annunciated: boolean;
+    /** Its condition is true, or cannot be evaluated. */
+    active: boolean;
     asks: boolean;
     /** Names of the verbs that do something with it now. */
     verbs: string[];
