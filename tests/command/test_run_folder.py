@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -155,6 +156,18 @@ def test_the_title_of_the_plot_says_how_a_run_without_progress_ended(
     monkeypatch.setattr(plot, "save_plot", lambda trace, path, title: titles.append(title) or path.write_text(""))
     umo("run", "tank", "--until", until)
     assert titles == [f"umo run tank: {end}"]
+
+
+def test_no_result_is_cut_in_a_file_and_a_long_one_wraps_on_a_terminal(umo: Umo, quick: Path) -> None:
+    words = " ".join(f"reason{number}" for number in range(100))
+    (quick / "application.py").write_text(f"async def main(m):\n    return {{'why': '{words}', 'x' * 200: 1}}\n")
+    shown = umo("run", "tank", "--no-record").stdout
+    assert all(word in shown for word in words.split()) and shown.count("x") >= 200 and "..." not in shown
+    result = RunSummary(Statistics(), Outcome(result={"why": words, "long": "y" * 2000}))
+    console = Console(width=60, record=True, file=StringIO())
+    console.print(result.table("umo run tank", 1000))
+    told = console.export_text()
+    assert all(word in told for word in words.split()) and told.count("y") == 1001 and told.count("...") == 1
 
 
 def test_a_second_ctrl_c_while_a_run_ends_removes_no_record(

@@ -39,7 +39,7 @@ from umo_command.run.follow import RingFrame, follow
 from umo_command.run.long_runs import RunningSummary, TraceParts, prune
 from umo_command.run.record_beside import SUFFIX, RecordBeside, RecordOrder, order_of
 from umo_command.run.record_virtual import RecordedVirtual
-from umo_command.run.run_folder import RUNS, NotRecorded, RunFolder, RunSummary, TraceFile
+from umo_command.run.run_folder import MAX_VALUE_LENGTH, RUNS, NotRecorded, RunFolder, RunSummary, TraceFile
 from umo_command.shared import begin_again, interrupt_once
 from umo_command.values import check_file
 
@@ -117,7 +117,7 @@ def _run_station(job: Job, record: Record, full_traceback: bool, serve: bool) ->
         for line in result.standing_faults():
             say(line, "red")
         name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
-        out.print(result.table(f"umo run {name}"))
+        out.print(result.table(f"umo run {name}", MAX_VALUE_LENGTH if out.is_terminal else None))
         complete = record.summary is None or _write_summary(result, record.summary)
         if folder is not None:
             how = result.failed or outcome.early_end or result.progress.text or "done"
