@@ -62,10 +62,10 @@ def stations_and_running(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 @completing
 def wirings(ctx: typer.Context, incomplete: str) -> Iterable[str]:
     """Return the wirings of the named station, and files."""
-    from umo.process.station import find
+    from umo_command.station_named import station_named
 
     with suppress(Exception):
-        yield from find(_station(ctx)).wirings
+        yield from station_named(_station(ctx)).wirings
     yield from (text for text, each in _below(incomplete) if each.suffix == ".toml")
 
 

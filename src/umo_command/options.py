@@ -56,14 +56,25 @@ def running_argument(metavar: str, help: str) -> Any:
     return typer.Argument(metavar=metavar, help=help, autocompletion=completion.running)
 
 
-STATION = typer.Argument(
-    metavar="STATION",
-    help="Folder of a station, or the name of a station that ships with umo (ztheta, conveyor, furnace, batch).",
-    autocompletion=completion.stations,
-)
-StationName = Annotated[str, STATION]
-OptionalStation = Annotated[str | None, STATION]
-"""The argument STATION of commands that show the options of the station in their help."""
+StationName = Annotated[
+    str,
+    typer.Argument(
+        metavar="STATION",
+        help="Folder of a station, name of a station that ships with umo (ztheta, conveyor, furnace, batch), or name "
+        "or pid of a running station.",
+        autocompletion=completion.stations_and_running,
+    ),
+]
+OptionalStation = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="STATION",
+        help="Folder of a station, or the name of a station that ships with umo (ztheta, conveyor, furnace, batch).",
+        autocompletion=completion.stations,
+    ),
+]
+"""The argument STATION of commands that start a station or its plant. They show the options of the station in their
+help."""
 NO_STATION = (
     "give the folder of a station, or the name of a station that ships with umo: ztheta, conveyor, furnace or batch"
 )

@@ -137,3 +137,53 @@ def test_set_refuses_before_it_opens_a_device(umo: Any, tmp_path: Path, words: l
     assert (
         "motor  10.00 V  raw 1000  ● good  (clamped)" in umo("device", "set", "rig", "motor", "11", "--for", "0").stdout
     )
+
+
+COMMANDS_OF_A_FOLDER: list[list[str]] = [
+    ["show", "parts", "mill"],
+    ["show", "period", "mill"],
+    ["check", "mill"],
+    ["tune", "law", "mill"],
+    ["new", "service", "mill"],
+    ["new", "controller", "mill", "--target", "host", "--out", "c"],
+    ["new", "station", "copied", "--copy", "mill"],
+]
+
+
+@pytest.mark.parametrize("words", COMMANDS_OF_A_FOLDER, ids=lambda words: " ".join(words[:2]))
+def test_commands_that_read_the_folder_of_a_station_take_the_name_of_a_running_one(
+    umo: Any, tank: Path, tmp_path: Path, words: list[str]
+) -> None:
+    elsewhere = tank.rename(tmp_path / "mill")
+    (tmp_path / "here").mkdir()
+    os.chdir(tmp_path / "here")
+    assert said(umo(*words)).startswith("umo: there is no station 'mill'")
+    with running("mill", elsewhere):
+        result = umo(*words)
+    assert result.exit_code == 0, said(result)
+
+
+def test_the_recipes_of_a_running_station_are_found_by_its_name(umo: Any, tank: Path, tmp_path: Path) -> None:
+    elsewhere = tank.rename(tmp_path / "mill")
+    (tmp_path / "here").mkdir()
+    os.chdir(tmp_path / "here")
+    with running("mill", elsewhere):
+        assert said(umo("tune", "recipe", "mill")) == "umo: mill has no recipes"
+
+
+def test_a_command_that_needs_the_folder_says_that_the_run_has_none(umo: Any) -> None:
+    with running("press"):
+        result = umo("show", "parts", "press")
+    assert result.exit_code == 2
+    assert said(result) == (
+        f"umo: press is running (pid {os.getpid()}), but its run names no folder of a station, which this command "
+        f"needs: give the folder"
+    )
+
+
+def test_a_run_is_not_started_by_the_name_of_a_running_station(umo: Any, tank: Path, tmp_path: Path) -> None:
+    elsewhere = tank.rename(tmp_path / "mill")
+    (tmp_path / "here").mkdir()
+    os.chdir(tmp_path / "here")
+    with running("mill", elsewhere):
+        assert said(umo("run", "mill")).startswith("umo: there is no station 'mill'")

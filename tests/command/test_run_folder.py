@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -38,12 +39,16 @@ def folder(tank: Path) -> Path:
 
 @contextmanager
 def largest_file(size: int) -> Iterator[None]:
-    """As on a full disk: no file grows beyond this (setrlimit(2))."""
+    """As on a full disk: no file grows beyond this (setrlimit(2)). Python writes no bytecode meanwhile: it does not
+    notice that its file was cut, and later runs of Python could not read it."""
     resource = pytest.importorskip("resource")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
-        yield
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(sys, "dont_write_bytecode", True)
+            patched.setenv("PYTHONDONTWRITEBYTECODE", "1")
+            yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
@@ -141,6 +146,28 @@ def test_ctrl_c_while_the_plot_is_drawn_changes_neither_the_status_nor_leaves_a_
     )
     assert {file.name for file in folder(quick).iterdir()} == {"run.json", "summary.json", "trace.csv"}
     assert "trace: runs/tank-" in result.stdout
+
+
+@pytest.mark.parametrize(("until", "end"), [("3", "ended at 3 s (--until)"), ("11", "done")])
+def test_the_title_of_the_plot_says_how_a_run_without_progress_ended(
+    umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch, until: str, end: str
+) -> None:
+    titles = []
+    monkeypatch.setattr(plot, "save_plot", lambda trace, path, title: titles.append(title) or path.write_text(""))
+    umo("run", "tank", "--until", until)
+    assert titles == [f"umo run tank: {end}"]
+
+
+def test_no_result_is_cut_in_a_file_and_a_long_one_wraps_on_a_terminal(umo: Umo, quick: Path) -> None:
+    words = " ".join(f"reason{number}" for number in range(100))
+    (quick / "application.py").write_text(f"async def main(m):\n    return {{'why': '{words}', 'x' * 200: 1}}\n")
+    shown = umo("run", "tank", "--no-record").stdout
+    assert all(word in shown for word in words.split()) and shown.count("x") >= 200 and "..." not in shown
+    result = RunSummary(Statistics(), Outcome(result={"why": words, "long": "y" * 2000}))
+    console = Console(width=60, record=True, file=StringIO())
+    console.print(result.table("umo run tank", 1000))
+    told = console.export_text()
+    assert all(word in told for word in words.split()) and told.count("y") == 1001 and told.count("...") == 1
 
 
 def test_a_second_ctrl_c_while_a_run_ends_removes_no_record(

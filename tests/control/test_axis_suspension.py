@@ -169,13 +169,14 @@ def test_an_axis_that_was_moved_is_moved_back_or_the_application_does_not_go_on(
         ann.mode("manual")
         ann.call("x.move_to", position=50.0)
         refused = ann.mode("automatic")
-        assert refused.text == "CommandRefused: the application cannot continue: x still moves; or stop the run"
+        moves = "x still moves; wait until it stands, or stop the run"
+        assert refused.text == f"CommandRefused: the application cannot continue: {moves}"
         assert ann.x.state is AxisState.DISCRETE_MOTION  # nothing has changed
         ann.until(lambda: ann.x.state is AxisState.STANDSTILL)
         refused = ann.mode("automatic")
         assert refused.state is CommandState.REFUSED
         assert refused.text.startswith("CommandRefused: the application cannot continue: x is at ")
-        assert refused.text.endswith("the application left it at 60.00 mm; move it back (`x.move_to`); or stop the run")
+        assert refused.text.endswith("the application left it at 60.00 mm; move it back (`x.move_to`), or stop the run")
         ann.call("x.disable")
         ann.run(3)
         assert ann.mode("automatic").state is CommandState.REFUSED

@@ -14,6 +14,7 @@ from helpers.machines import actuator, bench, failed, relay, sensor, switch, tim
 from helpers.telling import concerned
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, connect
 from umo.control import Servo, state_of
+from umo.cycle.inhibition import Inhibition
 from umo.cycle.journal import ENTRY, Journal, Kind
 from umo.errors import DeclarationError, DriverError, Interlocked, WiringError
 from umo.states import OnOff, PassFail
@@ -286,6 +287,34 @@ def test_an_interlock_that_begins_to_hold_resets_what_it_names_at_once_and_is_re
         put(m.door, PassFail.FAIL)
         periods(m)
         assert len(connection.machine.events) == 2  # it has begun again
+
+
+@pytest.mark.parametrize(("latched", "logged"), [(False, 3), (True, 5)])
+def test_an_interlock_that_begins_often_is_logged_three_times_and_is_an_event_each_time(
+    caplog: pytest.LogCaptureFixture, latched: bool, logged: int
+) -> None:
+    m = own(lambda m: [Interlock(is_open(m), [m.ram], "no part", latched=latched)])
+    connection = connect(m, wiring(Scripted()))
+
+    def begins(count: int) -> None:
+        for state in (PassFail.FAIL, PassFail.PASS) * count:
+            put(m.door, state)
+            periods(m)
+            m.ram.acknowledge()
+
+    with connection:
+        periods(m, 3)
+        begins(5)
+        assert sum(event.text.startswith("inhibited") for event in connection.machine.events) == 5
+        lines = [text for text in caplog.messages if text.startswith("ram inhibited")]
+        assert len(lines) == logged
+        again = "further beginnings of the interlock 'no part' are in the events only; lines follow again when it has "
+        assert (f"{again}not begun for 600 s" in caplog.messages) is not latched
+
+
+def test_the_beginnings_of_an_interlock_are_counted_anew_after_a_pause() -> None:
+    inhibition = Inhibition(Interlock(lambda: False, [actuator()], "no part"), [])
+    assert [inhibition.count(now) for now in (0.0, 9.0, 500.0, 1100.0, 1101.0)] == [1, 2, 3, 1, 2]
 
 
 def test_interlocks_that_begin_together_ask_first_and_then_reset_each_actuator_once_in_stop_order() -> None:

@@ -186,7 +186,7 @@ def test_a_driver_that_fails_as_a_whole_puts_only_the_equipment_on_it_in_fault(r
     rig.periods(3)
     assert "unplugged" in (rig.m.a.cycle.fault or "")
     assert (rig.m.b.cycle.fault, driven(rig.m.b)) == (None, DRIVEN)
-    assert any("not brought to their defaults yet" in text for text in rig.texts)
+    assert any("a: has actuators not brought to their defaults yet: " in text for text in rig.texts)
     rig.boxes["of_a"].broken = None
     rig.periods(1)
     assert driven(rig.m.a) == AT_DEFAULT

@@ -567,6 +567,7 @@ def test_automatic_mode_is_refused_while_an_axis_is_in_fault() -> None:
         state, text = rig.do("mode", value="automatic")
         assert state == "refused"
         assert "the application cannot continue: x is in fault: x does not follow" in text
+        assert text.endswith("; clear it, or stop the run")
         rig.do("clear", "x")
         assert rig.do("mode", value="automatic")[0] == "done"
 

@@ -15,6 +15,7 @@ from helpers.operator import Operator
 from umo import Compound, DigitalSensor, connect
 from umo.cycle.events import ALARM, KEPT_EVENTS, CommandState
 from umo.operation.alarms import Alarm, AlarmState, High, Operation, Priority
+from umo.operation.alarms.alarm_times import AlarmTimes
 from umo.operation.alarms.alarming import engine_of
 from umo.operation.alarms.engine import AlarmRequest
 from umo.operation.commands.client_commands import Mode
@@ -55,8 +56,8 @@ class Rig:
         engine = engine_of(machine)
         assert engine is not None
         described = [each.describe() for each in engine.declared]
-        occurrences = zip(*engine.occurrences.tolist(), strict=True)
-        return alarm_rows(described, machine.image.columns.alarms.tolist(), machine.events, occurrences)
+        times = list(map(AlarmTimes, *engine.times.tolist()))
+        return alarm_rows(described, machine.image.columns.alarms.tolist(), machine.events, times)
 
     def states(self) -> dict[str, str]:
         return {row.path: str(row.state) for row in self.rows}
@@ -180,7 +181,7 @@ def test_the_time_of_a_shelf_may_have_a_unit_and_must_not_be_left_out(rig: Rig) 
         'RangeError: shelve needs time: a time from 0.001 to 604800 s, such as "10 min"'
     )
     assert rig.ann.do("shelve", "tanks.0.full", "10 min").state is CommandState.DONE
-    assert rig.rows[0].note == "for 600 s"
+    assert rig.rows[0].until == pytest.approx(600.0, abs=1.0)
 
 
 @pytest.mark.parametrize("do", ["acknowledge alarm", "clear", "let go"])
@@ -195,7 +196,9 @@ def test_a_shelved_alarm_is_not_told_until_it_is_unshelved(rig: Rig) -> None:
     rig.ann.do("lease")
     answer = rig.ann.do("shelve", "tanks.0", 60.0).text
     assert "shelved for 60 s, or until the run ends: tanks.0.full and tanks.0.flooded" in answer
-    assert {(row.note, row.who) for row in rig.rows} == {("for 60 s", "ann")}
+    (until,) = {row.until for row in rig.rows}
+    assert until == pytest.approx(60.0, abs=1.0)
+    assert {(row.note, row.who) for row in rig.rows} == {("", "ann")}
     rig.flood(0)
     assert set(rig.states().values()) == {"shelved active"}
     assert alarms_text(rig.rows) == []
@@ -233,5 +236,5 @@ def test_the_time_at_which_an_alarm_began_is_known_also_when_its_event_is_no_lon
 @pytest.mark.parametrize("raised", [inf, -inf, nan, -1.0, 0.0])
 def test_a_count_in_a_damaged_ring_that_is_no_number_is_not_told(raised: float) -> None:
     entries = [{"path": "tank.full", "text": "full", "priority": "high"}]
-    (row,) = alarm_rows(entries, [int(AlarmState.UNACKNOWLEDGED)], [], [(raised, 0.0, 0.0)])
+    (row,) = alarm_rows(entries, [int(AlarmState.UNACKNOWLEDGED)], [], [AlarmTimes(raised)])
     assert row.raised == 0

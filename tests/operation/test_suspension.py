@@ -387,7 +387,8 @@ def test_an_application_does_not_go_on_while_an_actuator_that_it_needs_is_inhibi
         refused = ann.mode("automatic")
         assert refused.state is CommandState.REFUSED
         assert refused.text == (
-            "CommandRefused: the application cannot continue: spindle is inhibited: the door is open; or stop the run"
+            "CommandRefused: the application cannot continue: spindle is inhibited: the door is open; remove the cause "
+            "in manual mode, or stop the run"
         )
         assert (ann.clients.mode, m.spindle.read(), m.clamp.read()) == (Mode.MANUAL, 0.0, OnOff.ON)
         put(m.door, PassFail.PASS)

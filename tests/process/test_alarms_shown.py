@@ -14,6 +14,7 @@ from umo import Compound, DigitalSensor, attach, connect, published
 from umo.cycle.events import ALARM, Event
 from umo.operation.alarms import Alarm, AlarmState, High, Priority
 from umo.operation.alarms.alarm_states import Operation
+from umo.operation.alarms.alarm_times import AlarmTimes
 from umo.operation.alarms.alarming import engine_of
 from umo.operation.alarms.engine import AlarmRequest
 from umo.operation.commands.verbs import verb_of
@@ -145,6 +146,30 @@ def test_an_acknowledged_alarm_keeps_the_time_at_which_it_began_and_shows_who_ac
     assert line.split() == ["full", "acknowledged", "ann", "high", "0.001", "s", "1", "too", "full"]
 
 
+def test_a_shelved_alarm_keeps_the_time_at_which_it_began_and_shows_when_the_shelving_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+    machine = Tank(timer=timer(), level=sensor(resolution=1.0))
+    connection = connect(machine, wired(machine, Scripted({"level": 90})))
+    with connection as m, published(connection, "vat"):
+        periods(m, 30)
+        engine = engine_of(connection.machine)
+        engine.request([0], AlarmRequest(Operation.SHELVE, "ann", 600.0, "for 600 s"))
+        periods(m, 3)
+        (row,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
+        line = CliRunner().invoke(app, ["alarm", "list"]).stdout.splitlines()[-1]
+        engine.request([0], AlarmRequest(Operation.UNSHELVE, "ann"))
+        periods(m, 3)
+        (shown,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
+    assert (row["state"], row["who"]) == ("shelved active", "ann")
+    assert row["since"] == row["first"] == pytest.approx(0.001)
+    assert row["until"] == pytest.approx(600.031)
+    assert "too full; until 600.031 s" in " ".join(line.split())
+    assert (shown["state"], shown["until"]) == ("unacknowledged", None)
+
+
 @pytest.mark.parametrize(("kept", "since"), [(0, 2.0), (1, None)])
 def test_without_counts_the_kept_events_tell_since_when_an_alarm_is_active(kept: int, since: float | None) -> None:
     entries = [{"path": "full", "text": "too full", "priority": "high"}]
@@ -152,7 +177,7 @@ def test_without_counts_the_kept_events_tell_since_when_an_alarm_is_active(kept:
         Event(2.0, "full", "unacknowledged (high): too full", asked=ALARM),
         Event(9.0, "full", "acknowledged (high): too full", "ann", asked=ALARM),
     ]
-    (row,) = alarm_rows(entries, [AlarmState.ACKNOWLEDGED], events[kept:], [(0.0, 0.0, 0.0)])
+    (row,) = alarm_rows(entries, [AlarmState.ACKNOWLEDGED], events[kept:], [AlarmTimes()])
     assert (row.since, row.who) == (since, "ann")
 
 

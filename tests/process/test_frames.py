@@ -80,7 +80,7 @@ def test_the_header_alone_is_enough_to_read_a_frame(monkeypatch: pytest.MonkeyPa
         content = memory.map[:]
     header = struct.unpack_from("<8sIIQQQQQQ", content)
     magic, version, _, first, size, slots, journal, capacity, described = header
-    assert (magic, version) == (b"umoframe", 11)
+    assert (magic, version) == (b"umoframe", 12)
     text = json.loads(content[256 : 256 + described])
     fields = {field["name"]: field for field in text["fields"]}
     paths = [entry["path"] for entry in text["objects"]]
@@ -539,8 +539,8 @@ def test_a_ring_that_cannot_be_made_leaves_nothing_behind(calls: list[str], monk
 def test_a_ring_of_another_version_is_refused_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     memory = RingMemory(monkeypatch)
     with running() as (_, ring, _connection):
-        memory.map[8] = 12
-        with pytest.raises(FramesError, match="frames of version 12, this umo reads version 11"):
+        memory.map[8] = 13
+        with pytest.raises(FramesError, match="frames of version 13, this umo reads version 12"):
             Reader(ring.path)
 
 

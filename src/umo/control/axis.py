@@ -623,20 +623,20 @@ class LeftMotion:
         return _DISABLED if self.state is AxisState.HOMING else _STANDSTILL
 
     def why_not(self) -> str:
-        """Return the reason why the axis cannot continue; "" if it can."""
+        """Return the reason why the axis cannot continue, and what to do; "" if it can."""
         axis = self._axis
         if self._next_state is _DISABLED:
             return ""
         path, encoder = axis._path, axis.encoder
         if encoder.quality is Quality.BAD:
-            return f"the reading of {encoder.path} is BAD"
+            return f"the reading of {encoder.path} is BAD; wait until it is good"
         referenced = encoder.quality is not Quality.UNREFERENCED
         if self._referenced and not referenced:
             return f"{path} has lost its reference; home it (`{path}.home`)"
         if isnan(self._position) or referenced is not self._referenced:
             return ""
         if axis._moves():
-            return f"{path} still moves"
+            return f"{path} still moves; wait until it stands"
         if abs(axis.reading - self._position) <= RETURN_WINDOWS * axis.window:
             return ""
         digits = digits_of(encoder.resolution, encoder.zero_offset)

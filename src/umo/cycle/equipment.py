@@ -378,7 +378,7 @@ def _fault_event(now: float, path: str, reason: Callable[[], str]) -> Event:
 
 
 def _unreached_event(now: float, path: str, failures: Sequence[Failure]) -> Event:
-    return Event(now, path, in_a_line(_text_of_failures("not brought to their defaults yet", failures)))
+    return Event(now, path, in_a_line(_text_of_failures("has actuators not brought to their defaults yet", failures)))
 
 
 def _concern(compound: Compound, part: Node) -> bool:

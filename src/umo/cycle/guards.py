@@ -10,12 +10,16 @@ from math import inf
 from umo.cycle.claim_table import Claims
 from umo.cycle.events import Event, Paths, of_several
 from umo.cycle.image import Image
-from umo.cycle.inhibition import Inhibition
+from umo.cycle.inhibition import QUIET_TIME, Inhibition
 from umo.cycle.journal import Kind
 from umo.cycle.to_defaults import ToDefault
 from umo.drivers.contract import Direction
 from umo.objects import Atomic
 from umo.objects.claims import Rank
+
+MOST_LOGGED = 3
+"""Largest number of beginnings of one interlock that are logged, until it has not begun for `QUIET_TIME`. All are
+events."""
 
 
 class Guards:
@@ -74,11 +78,15 @@ class Guards:
         return self._claims.by_slot[slot].rank > Rank.INTERLOCK
 
     def _tell_inhibited(self, slots: Sequence[int], each: Inhibition) -> None:
-        """Report that one interlock inhibits these objects."""
+        """Report that one interlock inhibits these objects. An interlock that begins again and again in the normal work
+        of the machine does not fill the log. A latched interlock is always logged."""
         waits = each.interlock.latched and each.held  # its reason says so itself once its condition is false
         what = "inhibited until acknowledged" if waits else "inhibited"
         event = partial(_inhibited, self._image.clock.now, self._image.items, slots, what, str(each.reason))
-        self._image.events.add(event, logged=True)
+        count = 0 if each.interlock.latched else each.count(self._image.clock.now)
+        self._image.events.add(event, logged=count <= MOST_LOGGED)
+        if count == MOST_LOGGED:
+            self._image.events.log(partial(_further, each.interlock.reason))
 
     def _expired(self, due: Container[int]) -> set[int]:
         """Handle the expired commands. Return the asynchronous actuators among them, which must be reset now; the
@@ -123,6 +131,11 @@ class Guards:
 def _inhibited(now: float, items: Sequence[Atomic], slots: Sequence[int], what: str, reason: str) -> Event:
     paths = Paths(items, slots)
     return of_several(now, paths, f"{what}: {reason}", f"{reason}: {len(paths):,} actuators {what}")
+
+
+def _further(reason: str) -> str:
+    again = f"lines follow again when it has not begun for {QUIET_TIME:g} s"
+    return f"further beginnings of the interlock {reason!r} are in the events only; {again}"
 
 
 def _commands_expired(now: float, items: Sequence[Atomic], slots: Sequence[int], expires: float) -> Event:

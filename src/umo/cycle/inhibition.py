@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from umo.objects import Compound, Interlock
 from umo.objects.paths import atoms, walk
 from umo.user_code import briefly, raise_as, told
 
+QUIET_TIME = 600.0
+"""Time in s without a beginning after which the beginnings of an interlock are counted anew."""
 MAX_RESULT_TEXT = 100
 """Largest length of a wrong result of a condition in its message, in characters."""
 
@@ -33,6 +36,10 @@ class Inhibition:
     """The function that is evaluated: the condition of the interlock, or its compiled form."""
     _latched: bool = False
     """True if the interlock inhibits until it is acknowledged."""
+    _begun: int = 0
+    """Number of the last beginnings, with less than `QUIET_TIME` between them."""
+    _last_begun: float = -inf
+    """Time of the last beginning in s."""
 
     def __post_init__(self) -> None:
         self.condition = self.interlock.condition
@@ -55,6 +62,13 @@ class Inhibition:
         self._latched = self._latched or (self.held and latch and self.interlock.latched)
         self.reason = latched(self.interlock) if self._latched and not self.held else found
         return before is None and self.held
+
+    def count(self, now: float) -> int:
+        """Count a beginning at a time in s. Return the number of beginnings so far with less than `QUIET_TIME` between
+        them."""
+        self._begun = self._begun + 1 if now - self._last_begun < QUIET_TIME else 1
+        self._last_begun = now
+        return self._begun
 
     @property
     def reason_key(self) -> str:

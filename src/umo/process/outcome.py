@@ -116,6 +116,13 @@ class Outcome:
         """The client or the signal that has requested the stop; "" if there was no request."""
         return "" if self.stopped_by is None else printable(self.stopped_who) or signal_name(self.stopped_by)
 
+    @property
+    def early_end(self) -> str:
+        """A request to stop, or the time limit, that ended the run, as text; "" if neither did."""
+        if self.stopper:
+            return f"stopped by {self.stopper}"
+        return f"ended at {self.simulated:g} s (--until)" if self.time_over else ""
+
     def dump(self) -> dict[str, Any]:
         """Return the outcome as plain data of at most `MAX_BYTES` bytes as JSON, whatever the result of the
         application. Long texts are cut, and if there are very many unreached actuators, only the first ones are

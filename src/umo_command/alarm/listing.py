@@ -53,7 +53,8 @@ def _list(reader: RunReader, as_json: bool, raised: bool, every: bool) -> None:
 def _texts(row: AlarmRow, utc: float | None) -> dict[str, str]:
     """Return the texts of a row, by column. `utc`: the time of day at which the run's clock was 0, if it is known."""
     since = "" if row.since is None else _moment(row.since, utc)
-    text = row.text + (f"; {row.note}" if row.note else "")
+    end = "" if row.until is None else f"until {_moment(row.until, utc)}"
+    text = "; ".join(filter(None, (row.text, row.note, end)))
     texts = (row.path, str(row.state), row.who, str(row.priority), since, _raised(row, utc), text)
     return dict(zip(COLUMNS, map(printable, texts), strict=True))
 

@@ -38,7 +38,7 @@ def check(
     never awaited. Without -w it checks the default wiring, and names the wirings that it did not check. Options of the
     machine follow the station's name.
     """
-    from umo.process.station import find
     from umo_command.check.report import check_station
+    from umo_command.station_named import station_named
 
-    return check_station(find(station), wiring, every, context.args, target)
+    return check_station(station_named(station), wiring, every, context.args, target)

@@ -40,10 +40,10 @@ def station(
     With --copy it is a copy of another station, with its own name, code, wirings and tests. Change the wirings, or any
     other file, as you like. `umo show parts STATION` shows where the files of a station are.
     """
-    from umo.process.station import find
     from umo_command.new.templates import make_station
+    from umo_command.station_named import station_named
 
-    make_station(directory, None if copied is None else find(copied))
+    make_station(directory, None if copied is None else station_named(copied))
 
 
 @command(
@@ -124,10 +124,10 @@ def controller(
     generated. The other parts and the sequences run on a host, and a line connects the two (docs/howto-split.md).
     Options of the machine follow the station's name.
     """
-    from umo.process.station import find
     from umo_command.new.controller import generate_controller
+    from umo_command.station_named import station_named
 
-    return generate_controller(find(station), wiring, target, real, out, context.args, part)
+    return generate_controller(station_named(station), wiring, target, real, out, context.args, part)
 
 
 @command(

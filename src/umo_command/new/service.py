@@ -13,13 +13,14 @@ from typing import Any
 
 from umo.errors import OptionError
 from umo.process.job import Job, Plan
-from umo.process.station import Station, find
+from umo.process.station import Station
 from umo.system import folders
 from umo.system.device_record import standing
 from umo.system.packages import SHIPPED
 from umo.text import some
 from umo_command.new.service_hints import groups_for, hints
 from umo_command.new.systemd_unit import ServiceUnit
+from umo_command.station_named import station_named
 
 SYSTEMD = Path("/run/systemd/system")
 """The folder that exists if systemd runs (sd_booted(3))."""
@@ -52,8 +53,8 @@ def write_unit(
 
     if own_manager and user is not None:
         raise OptionError("give --as or --user, not both")
-    found = find(station)
-    command, plan = _command(station, found, wiring, words)
+    found = station_named(station)
+    command, plan = _command(found, wiring, words)
     groups, missing = groups_for(plan.wired.devices)
     unit = ServiceUnit(
         _name(name or f"umo-{found.name}", given=name is not None),
@@ -75,11 +76,12 @@ def write_unit(
         say(line)
 
 
-def _command(station: str, found: Station, wiring: str | None, words: Sequence[str]) -> tuple[list[str], Plan]:
+def _command(found: Station, wiring: str | None, words: Sequence[str]) -> tuple[list[str], Plan]:
     """Return the command line of the run, with absolute paths, and the plan of the run."""
     from umo_command.run.faces_beside import faces_of, wiring_of
     from umo_command.station_options import parse
 
+    station = found.name if found.path.parent == SHIPPED else str(found.path)
     given, rest, of_run = _options_of_run(station, words)
     for parameter, why in REFUSED.items():
         if given[parameter]:
@@ -90,7 +92,7 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     if not given["no_faces"]:
         faces_of(wiring_of(plan), plan.wired.faces)
     line = [sys.executable, "-P", "-m", "umo_command", "run"]
-    line.append(station if found.path.parent == SHIPPED else str(found.path))
+    line.append(station)
     if wiring is not None:
         line += ["--wiring", wiring if wiring in found.wirings else str(Path(wiring).resolve())]
     line += words

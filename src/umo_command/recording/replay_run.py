@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from umo.cycle.fault_log import FaultLog
 from umo.cycle.frame import Frame
 from umo.errors import FramesError, OptionError, UmoError
 from umo.exit_status import ExitStatus
+from umo.operation.commands.client_commands import Mode
 from umo.recording.replay.code_given import CodeGiven
 from umo.recording.replay.opening import opened, other_hash_seed
 from umo.recording.replay.program import Program
@@ -21,6 +23,7 @@ from umo.system.packages import how_to_install
 from umo.system.streams import limit_waits
 from umo_command.console import err, out, say
 from umo_command.progress_line import OneLine
+from umo_command.run.event_lines import EventLines
 from umo_command.shared import begin_again
 from umo_command.values import check_picture
 
@@ -85,10 +88,18 @@ def _replay(tape: Tape, file: Path, code: CodeGiven, settings: Mapping[str, obje
     replay = Replay(tape, Program.of(tape, code), settings)
     curves = RawCurves(replay)
     with OneLine(err) as line:
-        replay.observers.append(ReplayProgress(line, tape))
+        lines, faults = EventLines(line.note, Mode.MANUAL if replay.program.manual else Mode.AUTOMATIC), FaultLog()
+
+        def add_events(frame: object = None) -> None:
+            for event in faults.add_new(replay.connection.machine.events):
+                lines.add(event)
+
+        replay.observers += [ReplayProgress(line, tape), add_events]
         if settings:
             replay.observers.append(curves)
         result = replay.run()
+        add_events()
+        lines.look(is_over=True)
     out.print(str(result), soft_wrap=True, markup=False, highlight=False)
     if settings and result.difference is not None:
         _draw(curves, plot or file.with_suffix(".what-if.png"), result.settings)

@@ -46,8 +46,8 @@ TRACE_PAUSE = 1.0
 """Time in s on the machine's clock between two writings of the trace during the run."""
 MAX_SHOWN = 5
 """Number of faults of equipment that are shown."""
-MAX_VALUE_LENGTH = 100
-"""Largest number of characters of a value in the table."""
+MAX_VALUE_LENGTH = 1000
+"""Largest number of characters of a value in the table on a terminal. Nothing is cut in a file or a pipe."""
 
 
 @dataclass
@@ -116,29 +116,38 @@ class RunSummary:
     def save(self, path: Path, *, running: bool = False) -> None:
         path.write_text(json.dumps(self.summary(running=running), indent=2) + "\n", encoding="utf-8")
 
-    def table(self, title: str) -> Table:
+    def table(self, title: str, longest: int | None = None) -> Table:
+        """Return the table of the run. Long values wrap; those with more than `longest` characters are cut. None means
+        that no value is cut."""
         table = Table(title=title, title_justify="left", show_header=False)
+        table.add_column(overflow="fold")
+        table.add_column(overflow="fold")
+        for name, value in self._rows():
+            table.add_row(name, value if longest is None or len(value) <= longest else f"{value[:longest]}...")
+        return table
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        """Yield the rows of the table."""
         for fault in self.injected:
             end = f": it did not begin, as the run ended at {self.outcome.simulated:g} s"
-            table.add_row("injected fault", fault + (end if fault in self.not_begun else ""))
+            yield "injected fault", fault + (end if fault in self.not_begun else "")
         if self.progress.total:
-            table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
-        for name, value in (*self._fault_rows(), *self._alarm_rows(), *self._mistake_rows()):
-            table.add_row(name, value)
+            yield "progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}"
+        yield from self._fault_rows()
+        yield from self._alarm_rows()
+        yield from self._mistake_rows()
         statistics = self.statistics
         why = " (why: `umo show why`)" if statistics.missed else ""
-        table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}{why}")
+        yield "periods", f"{statistics.periods}, missed {statistics.missed}{why}"
         median, p99 = (NO_VALUE if us is None else duration(us * 1e-6) for us in map(statistics.percentile, (50, 99)))
-        table.add_row("execution time of a period", f"median {median}, p99 {p99}")
+        yield "execution time of a period", f"median {median}, p99 {p99}"
         factor = NO_VALUE if self.realtime_factor is None else number_text(self.realtime_factor)
         took = "real time" if self.realtime else f"{duration(self.elapsed)}, {factor} x real time"
-        table.add_row("time", f"{duration(self.outcome.simulated)} in {took}")
+        yield "time", f"{duration(self.outcome.simulated)} in {took}"
         for driver, report in self.outcome.reports.items():
             for name, value in rows("report", report):
-                table.add_row(f"{driver}: {name}", value)
-        for name, value in rows("result", self.outcome.result):
-            table.add_row(name, value)
-        return table
+                yield f"{driver}: {name}", value
+        yield from rows("result", self.outcome.result)
 
     def standing_faults(self) -> list[str]:
         """Return a line for each of the first few parts that are in fault at the end, and the number of the others."""
@@ -225,8 +234,7 @@ def _text(value: Any) -> str:
     if isinstance(value, dict) and value and all(isinstance(each, dict) for each in value.values()):
         return _lines_of(value)
     is_number = isinstance(value, float) and isfinite(value)
-    text = number_text(value) if is_number else with_short_numbers(printable(str(value)))
-    return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}..."
+    return number_text(value) if is_number else with_short_numbers(printable(str(value)))
 
 
 def _lines_of(tables: dict[str, dict[str, Any]]) -> str:

@@ -39,7 +39,7 @@ from umo_command.run.follow import RingFrame, follow
 from umo_command.run.long_runs import RunningSummary, TraceParts, prune
 from umo_command.run.record_beside import SUFFIX, RecordBeside, RecordOrder, order_of
 from umo_command.run.record_virtual import RecordedVirtual
-from umo_command.run.run_folder import RUNS, NotRecorded, RunFolder, RunSummary, TraceFile
+from umo_command.run.run_folder import MAX_VALUE_LENGTH, RUNS, NotRecorded, RunFolder, RunSummary, TraceFile
 from umo_command.shared import begin_again, interrupt_once
 from umo_command.values import check_file
 
@@ -108,21 +108,22 @@ def _run_station(job: Job, record: Record, full_traceback: bool, serve: bool) ->
         if folder is not None and not len(trace.rows):
             folder.discard()
         raise
+    outcome = result.outcome
     with handling(signal.SIG_IGN, SIGNALS):  # the run is over: its record is written whole
-        if result.outcome.failure is not None and not result.statistics.periods:
+        if outcome.failure is not None and not result.statistics.periods:
             if folder is not None:
                 folder.discard()
-            return _fail(result.outcome.failure, full_traceback)  # nothing ran: there is nothing to show
-        _say_how_it_ended(result.outcome, full_traceback)
-        if result.outcome.unkept:
-            say(result.outcome.unkept, "red")
+            return _fail(outcome.failure, full_traceback)  # nothing ran: there is nothing to show
+        _say_how_it_ended(outcome, full_traceback)
+        if outcome.unkept:
+            say(outcome.unkept, "red")
         for line in result.standing_faults():
             say(line, "red")
         name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
-        out.print(result.table(f"umo run {name}"))
+        out.print(result.table(f"umo run {name}", MAX_VALUE_LENGTH if out.is_terminal else None))
         complete = record.summary is None or _write_summary(result, record.summary)
         if folder is not None:
-            how = result.failed or result.progress.text or "done"
+            how = result.failed or outcome.early_end or result.progress.text or "done"
             title = f"umo run {plan.name}: {how}" if record.plot else ""
             if parts is not None:
                 parts.write()
@@ -130,7 +131,6 @@ def _run_station(job: Job, record: Record, full_traceback: bool, serve: bool) ->
             _leave_behind(folder, result, trace, title)
             complete &= folder.complete
         complete &= recorded
-    outcome = result.outcome
     ended_well = outcome.failure is None and not outcome.unreached
     return ExitStatus.NOT_RECORDED if ended_well and not complete else outcome.status
 
@@ -183,10 +183,8 @@ def _run(
 def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
     if outcome.failure is not None:
         _fail(outcome.failure, full_traceback)
-    elif outcome.stopped_by is not None:
-        say(f"stopped by {outcome.stopper}; {outcome.outputs}")
-    elif outcome.time_over:
-        say(f"ended at {outcome.simulated:g} s (--until); {outcome.outputs}")
+    elif outcome.early_end:
+        say(f"{outcome.early_end}; {outcome.outputs}")
 
 
 def _fail(failure: Failed, full_traceback: bool) -> int:

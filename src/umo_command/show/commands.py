@@ -244,10 +244,10 @@ def parts(
     first and of the last member. Different members are shown separately. Options of the machine follow the station's
     name.
     """
-    from umo.process.station import find
     from umo_command.show.part_tree import show_tree
+    from umo_command.station_named import station_named
 
-    return show_tree(find(station), wiring, words or [], everything)
+    return show_tree(station_named(station), wiring, words or [], everything)
 
 
 @command(
@@ -259,10 +259,10 @@ def period(context: typer.Context, station: StationName, wiring: WiringName = No
 
     Options of the machine follow the station's name.
     """
-    from umo.process.station import find
     from umo_command.show.period_table import show_period
+    from umo_command.station_named import station_named
 
-    return show_period(find(station), wiring, context.args)
+    return show_period(station_named(station), wiring, context.args)
 
 
 @command(epilog="Examples: umo show latency  |  umo show latency --period 500us --for '1 min' --load")

@@ -234,8 +234,8 @@ def recipe(
     all batches that begin from now on, also in later runs, until another recipe is chosen or the action follow_plan is
     called.
     """
-    from umo.process.station import find
+    from umo_command.station_named import station_named
     from umo_command.tune.recipe_list import choose_recipe, show_recipes
 
-    found = find(station)
+    found = station_named(station)
     return show_recipes(found, str(station)) if name is None else choose_recipe(found, str(station), name, take)

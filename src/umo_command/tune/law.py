@@ -26,13 +26,13 @@ from umo.objects.presentation.rows import families, folded
 from umo.process.frames import Reader
 from umo.process.frames.search import find_elsewhere, meant_by, several_runs
 from umo.process.job import Job, Plan
-from umo.process.station import find
 from umo.system.packages import how_to_install
 from umo.system.streams import limit_waits
 from umo_command.console import err, out, say
 from umo_command.do.commanding import hinting, leased
 from umo_command.progress_line import OneLine
 from umo_command.show.stations import readers
+from umo_command.station_named import station_named
 from umo_command.station_options import machine_with, parse
 from umo_command.tune.told import SettingsReport, settings_report, tables_of
 from umo_command.values import check_picture, difference, number
@@ -125,7 +125,7 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
 
 def _list_laws(station: str, order: TuningOrder, options: Sequence[str]) -> int:
     """Print the laws of a station, those of a list in one line."""
-    found = find(station)
+    found = station_named(station)
     machine = machine_with(found, parse(found, order.wiring, options))
     paths = Loops(machine, laws_in(machine)).paths
     for places in families(paths).values():
@@ -267,8 +267,9 @@ def _alone(
     from umo.commissioning.tuning.own_experiment import declared_facts, own_experiment
 
     def plan() -> Plan:
-        given = parse(find(station), order.wiring, options)
-        return Plan(Job(station, wiring=order.wiring, options=given))
+        found = station_named(station)
+        given = parse(found, order.wiring, options)
+        return Plan(Job(str(found.path), wiring=order.wiring, options=given))
 
     first = plan()
     facts = declared_facts(first, place, order.sensor, order.actuator)

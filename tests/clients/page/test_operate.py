@@ -596,11 +596,12 @@ def test_an_alarm_is_acknowledged_and_shelved_on_the_page(page: Any, tmp_path: P
         row = page.locator("[data-alarm='reactors.1.fault']")
         row.wait_for()
         assert row.get_attribute("data-state") == "unacknowledged"
-        page.get_by_text("Alarms: 1 standing, 1 to be acknowledged").wait_for()
+        page.get_by_text("Alarms: 1 (1 active, 1 to be acknowledged)").wait_for()
         row.get_by_role("button", name="Acknowledge").click()
         page.locator("[data-alarm='reactors.1.fault'][data-state='acknowledged']").wait_for()
         page.get_by_role("button", name="Shelve 10 min reactors.1.fault").click()
         page.locator("[data-alarm='reactors.1.fault'][data-state='shelved active']").wait_for()
+        page.get_by_text("Alarms: none, 1 shelved or out of service").wait_for()
         assert [(str(alarm.state), alarm.annunciated) for alarm in station.alarms] == [("shelved active", False)]
         page.get_by_role("button", name="Unshelve reactors.1.fault").click()
         page.locator("[data-alarm='reactors.1.fault'][data-state='unacknowledged']").wait_for()

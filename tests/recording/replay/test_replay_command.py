@@ -42,6 +42,18 @@ def test_a_recording_is_identical(umo: Umo, conveyor: Path) -> None:
     assert "end of the recorded run: the application has ended" in result.stdout
 
 
+def test_a_replay_prints_the_lines_about_alarms_that_the_run_printed(umo: Umo, folder: Path) -> None:
+    file = folder / "batch.mcap"
+    fault = "reactors.1.level disconnect at 0.5 s"
+    ran = umo("run", "batch", "--until", "3 s", "--fault", fault, "--no-record", "--record", str(file))
+    replayed = umo("recording", "replay", str(file))
+    printed, again = (
+        [line.partition("; could not be read")[0] for line in result.stderr.splitlines() if " alarm " in line]
+        for result in (ran, replayed)
+    )
+    assert printed == again == ["   1.500 s  alarm reactors.1.fault: unacknowledged (high): reactors.1 is in fault"]
+
+
 def test_other_control_code_differs_at_a_period_an_object_and_a_line(umo: Umo, conveyor: Path, tmp_path: Path) -> None:
     copy = changed_conveyor(tmp_path, "tracking.py", "tunable=True)] = 0.05", "tunable=True)] = 0.09")
     result = umo("recording", "replay", str(conveyor), str(copy))

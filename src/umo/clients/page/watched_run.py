@@ -310,7 +310,7 @@ def described_twin(watched: Watched, ask: Callable[[str], dict[str, Any] | None]
 def _alarm(row: AlarmRow) -> dict[str, Any]:
     """Return an alarm with the verbs that can be applied to it now."""
     told = row._asdict() | {"state": str(row.state), "priority": str(row.priority), "text": printable(row.text)}
-    return told | {"annunciated": row.annunciated, "asks": row.asks, "verbs": row.verbs}
+    return told | {"annunciated": row.annunciated, "active": row.active, "asks": row.asks, "verbs": row.verbs}
 
 
 def _plain(numbers: Any) -> list[float | None]:

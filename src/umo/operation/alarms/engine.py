@@ -22,6 +22,7 @@ from umo.operation.alarms.alarm_states import (
     Operation,
     transitions,
 )
+from umo.operation.alarms.alarm_times import AlarmTimes
 from umo.operation.alarms.change_events import LEFT_OUT, NOT_DUE, ChangeEvents
 from umo.operation.alarms.collecting import DeclaredAlarm
 from umo.operation.alarms.conditions import BAD, FALSE, TRUE, AlarmImage, Conditions
@@ -39,9 +40,6 @@ RESULTS = {
     AlarmState.BAD_ACKNOWLEDGED: BAD,
 }
 """The results of conditions that belong to active states, except shelved ones."""
-OCCURRENCES = ("raised", "first", "last")
-"""The number of times that an alarm has become active, and the first and the last time in s on the cycle's clock, NaN
-if it never was."""
 Rows = NDArray[np.intp]
 """The numbers of some alarms."""
 TellChange = Callable[[str, str, str], object]
@@ -88,21 +86,21 @@ class AlarmEngine:
         self._delays = np.array([each.alarm.delays for each in declared], float).reshape(len(declared), 2).T.copy()
         """The on-delays and off-delays in s."""
         count = len(self.declared)
-        self.occurrences = np.full((len(OCCURRENCES), count), nan)
-        """The number and the times of occurrences of each alarm since the machine was connected, whether shelved or
-        not. The rows are those of `OCCURRENCES`."""
-        self.raised, self.first_raised, self.last_raised = self.occurrences
+        self.times = np.full((len(AlarmTimes._fields), count), nan)
+        """The times of each alarm. The rows are the fields of `AlarmTimes`."""
+        self.raised, self.first_raised, self.last_raised, self._until = self.times
         self.raised.fill(0)
+        self._until.fill(NOT_DUE)
         self.revision = 0
-        """A number that grows with each change of `occurrences`."""
+        """A number that grows with each change of `times`."""
         self._seen = np.zeros(count, np.uint8)
         """The results of the conditions that have been processed."""
         self._counting = np.zeros(count, np.uint8)
         """The active alarms, after their delays."""
-        self._due, self._until = np.full(count, NOT_DUE), np.full(count, NOT_DUE)
-        """The times in s at which a delay, and a shelving time, ends."""
+        self._due = np.full(count, NOT_DUE)
+        """The times in s at which a delay ends."""
         self._next = NOT_DUE
-        """The first of these times."""
+        """The first time at which a delay or a shelving ends."""
         self._requests: dict[int, tuple[AlarmRequest, ...]] = {}
         """The requests of clients that were not carried out yet, by alarm. The alarms of one command share a
         request."""
@@ -234,6 +232,7 @@ class AlarmEngine:
         if state is None:
             return  # it has changed since
         self._until[row] = self._now() + request.seconds if operation is Operation.SHELVE else NOT_DUE
+        self.revision += 1
         if state is not before or operation is Operation.SHELVE:
             self.states[row] = state
             self._words[row] = request.words

@@ -203,8 +203,9 @@ class Suspension:
 
     def check(self) -> None:
         """Check a change to automatic mode. Raises CommandRefused if the application cannot continue from the present
-        state."""
-        found = [str(each.error()) for each in self._machine.equipment.all if each.in_fault and each.in_manual_only]
+        state. The error has each reason with what to do."""
+        faults = (each.error() for each in self._machine.equipment.all if each.in_fault and each.in_manual_only)
+        found = [f"{error}; clear it" for error in faults]
         found += [reason for left in self._left_motions.values() if (reason := left.why_not())]
         restrictions = self._machine.image.restrictions
         for slot, value in self._changed().items():
@@ -212,7 +213,7 @@ class Suspension:
                 continue
             item = self._actuators[slot]
             if value != item._default_value() and not self._machine.claims.client_of(slot) and (why := item.inhibited):
-                found.append(f"{item.path} is inhibited: {why}")
+                found.append(f"{item.path} is inhibited: {why}; remove the cause in manual mode")
         if lost := [
             f"{axis._path} was in fault: its motion has ended"
             for axis, left in self._lost_motions.items()
@@ -220,7 +221,7 @@ class Suspension:
         ]:
             raise CommandRefused(f"the application cannot continue: {some(lost)}; stop the run, and start it again")
         if found:
-            raise CommandRefused(f"the application cannot continue: {some(found)}; or stop the run")
+            raise CommandRefused(f"the application cannot continue: {some(found)}, or stop the run")
 
     def _changed(self) -> dict[int, float]:
         """The values that the application has left, for the actuators that have another value now, the last of the stop

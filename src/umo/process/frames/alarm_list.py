@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 from umo.cycle.events import ALARM, Event
 from umo.operation.alarms import AlarmState, Priority
-from umo.operation.alarms.alarm_states import ACTIVE, ANNUNCIATED, TO_BE_ACKNOWLEDGED, operations
+from umo.operation.alarms.alarm_states import ACTIVE, ANNUNCIATED, SHELVED_STATES, TO_BE_ACKNOWLEDGED, operations
+from umo.operation.alarms.alarm_times import AlarmTimes
 from umo.operation.commands.verb import Names
 from umo.operation.commands.verbs import naming
 
@@ -24,8 +25,8 @@ class AlarmRow(NamedTuple):
     priority: Priority
     text: str
     since: float | None
-    """The time in s on the cycle's clock at which the alarm last became active. If the alarm is normal, shelved or out
-    of service: at which it entered this state. None if this is unknown."""
+    """The time in s on the cycle's clock at which the alarm last became active. If the alarm is normal, shelved and not
+    active, or out of service: at which it entered this state. None if this is unknown."""
     who: str
     """The client that caused this state; "" means the machine itself."""
     note: str
@@ -35,11 +36,19 @@ class AlarmRow(NamedTuple):
     first: float | None = None
     last: float | None = None
     """The times in s on the cycle's clock at which the alarm first (`first`) and last became active in this run."""
+    until: float | None = None
+    """The time in s on the cycle's clock at which the shelving of the alarm ends; None if it is not shelved, or if this
+    is unknown."""
 
     @property
     def annunciated(self) -> bool:
         """True if an operator should see the alarm: that is, if it is neither shelved nor out of service."""
         return self.state in ANNUNCIATED
+
+    @property
+    def active(self) -> bool:
+        """True if the alarm is active, shelved or not."""
+        return self.state in ACTIVE
 
     @property
     def asks(self) -> bool:
@@ -60,7 +69,7 @@ def alarm_rows(
     entries: Sequence[Mapping[str, Any]],
     states: Iterable[int],
     events: Iterable[Event],
-    occurrences: Iterable[tuple[float, float, float]],
+    times: Iterable[AlarmTimes],
     raised: bool = False,
     every: bool = False,
 ) -> list[AlarmRow]:
@@ -70,11 +79,11 @@ def alarm_rows(
     changes = [event for event in events if event.asked == ALARM]
     last = {event.path: event for event in changes}
     begun = {event.path: event.time for event in changes if not event.who and event.text.startswith(_ACTIVE)}
-    numbered = zip(entries, states, occurrences, strict=True)
+    numbered = zip(entries, states, times, strict=True)
     rows = [
         _with_times(_row(entry, AlarmState(n), last.get(entry["path"])), when, begun.get(entry["path"]))
         for entry, n, when in numbered
-        if every or n in _NOT_NORMAL or (raised and when[0] > 0)
+        if every or n in _NOT_NORMAL or (raised and when.raised > 0)
     ]
     return sorted(rows, key=_order)
 
@@ -87,7 +96,7 @@ def alarms_text(rows: Sequence[AlarmRow]) -> list[str]:
 
 
 _NOT_NORMAL = frozenset(AlarmState) - {AlarmState.NORMAL}
-_ACTIVE = tuple(f"{state} (" for state in ACTIVE & ANNUNCIATED)
+_ACTIVE = tuple(f"{state} (" for state in ACTIVE)
 """The beginnings of the texts of events that say that an alarm is active."""
 _PRIORITIES = {str(priority): priority for priority in Priority}
 
@@ -102,14 +111,15 @@ def _row(entry: Mapping[str, Any], state: AlarmState, event: Event | None) -> Al
     return AlarmRow(entry["path"], state, priority, text, event.time, event.who, note)
 
 
-def _with_times(row: AlarmRow, occurred: tuple[float, float, float], begun: float | None) -> AlarmRow:
+def _with_times(row: AlarmRow, times: AlarmTimes, begun: float | None) -> AlarmRow:
     """Return a row with the times at which the alarm became active: those of the run if they are known, otherwise that
-    of the last event that says so."""
-    raised, first, last = occurred
-    if 0 < raised < inf:
-        begun = last
-        row = row._replace(raised=int(raised), first=first, last=last)
-    return row._replace(since=begun) if row.annunciated else row
+    of the last event that says so. The end of a shelving replaces the note, which has its duration."""
+    if 0 < times.raised < inf:
+        begun = times.last
+        row = row._replace(raised=int(times.raised), first=times.first, last=times.last)
+    if row.state in SHELVED_STATES and 0 < times.shelved_until < inf:
+        row = row._replace(until=times.shelved_until, note="")
+    return row._replace(since=begun) if row.annunciated or row.active else row
 
 
 def _order(row: AlarmRow) -> tuple[Any, ...]:

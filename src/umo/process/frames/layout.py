@@ -32,11 +32,12 @@ from umo.cycle.journal import ENTRIES, ErrorKind, Kind
 from umo.errors import FramesError
 from umo.objects import Quality
 from umo.objects.presentation.described import Described
+from umo.operation.alarms.alarm_times import AlarmTimes
 from umo.system.shared_cells import HEAD as TEXT_HEAD
 from umo.system.shared_cells import SharedText
 
 MAGIC = b"umoframe"
-VERSION = 11
+VERSION = 12
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """The fields of the header: magic, version, flags, offset of the first slot, bytes of a slot, number of slots, offset
 of the journal, number of its entries, bytes of the description."""
@@ -280,8 +281,7 @@ class Places(NamedTuple):
     journal: int
     events: int
     alarms: int
-    """The place of three rows of `<f8`: for each alarm the number of times that it was raised, the first time and the
-    last time."""
+    """The place of the rows of `<f8` that alarms have (`AlarmTimes`)."""
     tunables: int
     size: int
 
@@ -291,7 +291,7 @@ class Places(NamedTuple):
         journal = first + slots * layout.dtype.itemsize
         events = journal + entries * ENTRY.itemsize
         alarms = events + EVENTS * EVENT_ROW.itemsize
-        tunables = alarms + 3 * 8 * len(layout.alarms)
+        tunables = alarms + len(AlarmTimes._fields) * 8 * len(layout.alarms)
         return cls(first, journal, events, alarms, tunables, tunables + 8 * len(layout.tunables))
 
 

@@ -18,6 +18,7 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.stage import Stage
 from umo.errors import FramesError
 from umo.objects import Quality
+from umo.operation.alarms.alarm_times import AlarmTimes
 from umo.operation.commands.client_commands import Mode
 from umo.process.frames.frame_server import is_socket, receive
 from umo.process.frames.layout import (
@@ -234,10 +235,10 @@ class Reader(RunReader):
             return None
         return data
 
-    def occurrences(self) -> list[tuple[float, float, float]]:
-        count = len(self.layout.alarms)
-        numbers = np.frombuffer(self._memory, "<f8", 3 * count, self._places.alarms)
-        return list(zip(*numbers.reshape(3, count).tolist(), strict=True))
+    def alarm_times(self) -> list[AlarmTimes]:
+        rows, count = len(AlarmTimes._fields), len(self.layout.alarms)
+        numbers = np.frombuffer(self._memory, "<f8", rows * count, self._places.alarms)
+        return list(map(AlarmTimes, *numbers.reshape(rows, count).tolist()))
 
     # The journal ---------------------------------------------------------------------------------------
 

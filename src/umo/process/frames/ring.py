@@ -195,7 +195,7 @@ class Ring:
             live[Live.MISSED] = self.missed
         if (alarms := self._alarms) is not None and alarms.revision != self._alarms_shown:
             self._alarms_shown = alarms.revision
-            self._map[self._alarms_at : self._tunables_at] = alarms.occurrences.tobytes()
+            self._map[self._alarms_at : self._tunables_at] = alarms.times.tobytes()
         if self._tunables:  # one in each period
             self._refresh(index % len(self._tunables))
         if self._clients is not None:

@@ -32,6 +32,7 @@ from umo.objects.presentation.html_table import html_table, never_raises
 from umo.objects.presentation.rows import TableRow, restriction
 from umo.objects.presentation.run_facts import ALARMS, driven_text, facts_of, title
 from umo.objects.presentation.value_text import span
+from umo.operation.alarms.alarm_times import AlarmTimes
 from umo.operation.commands.client_commands import Mode
 from umo.process.frames.alarm_list import AlarmRow, alarm_rows, alarms_text
 from umo.process.frames.layout import Layout
@@ -113,11 +114,10 @@ class RunReader(ABC):
     @abstractmethod
     def close(self) -> None: ...
 
-    def occurrences(self) -> list[tuple[float, float, float]]:
-        """Return for each alarm the number of times that it was raised in this run, and the first and last time in s on
-        the cycle's clock. All numbers are 0 if they are not known: in recordings, and for stations on other
-        computers."""
-        return [(0.0, 0.0, 0.0)] * len(self.layout.alarms)
+    def alarm_times(self) -> list[AlarmTimes]:
+        """Return the times of each alarm. All numbers are 0 if they are not known: in recordings, and for stations on
+        other computers."""
+        return [AlarmTimes()] * len(self.layout.alarms)
 
     # Derived functions --------------------------------------------------------------------------------------
 
@@ -217,11 +217,11 @@ class RunReader(ABC):
 
     def alarms(self, frame: Any, raised: bool = False, every: bool = False) -> list[AlarmRow]:
         """Return the alarms that are not normal at a frame: unacknowledged ones first, then by priority. `raised`: also
-        those that are normal and were raised in this run, if this is known (`occurrences`). `every`: all alarms."""
+        those that are normal and were raised in this run, if this is known (`alarm_times`). `every`: all alarms."""
         if frame is None or not (raised or every or frame["alarms"].any()):
             return []
         events = (each.event for each in self.events())
-        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.occurrences(), raised, every)
+        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.alarm_times(), raised, every)
 
     def unit_states(self, frame: Any) -> dict[str, str]:
         """Return the states of parts at a frame (`umo.operation`), by the paths of their state machines."""

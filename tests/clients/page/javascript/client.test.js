@@ -15,7 +15,7 @@ globalThis.document = {
 };
 const { ActuatorControl, JogControl, TunableControl } = await import("../../../../src/umo/clients/page/static/controls.js");
 const { Feed } = await import("../../../../src/umo/clients/page/static/feed.js");
-const { Client } = await import("../../../../src/umo/clients/page/static/client.js");
+const { Client, shownState, words: inWords } = await import("../../../../src/umo/clients/page/static/client.js");
 const { Trigger } = await import("../../../../src/umo/clients/page/static/trigger.js");
 
 /** A page of a station whose action is held; `answer` is one of the machine's, `cancelled` the event of a command. */
@@ -97,6 +97,19 @@ test("of a command without an answer nobody knows whether it was carried out; on
   const { state, text } = await asked;
   assert.deepEqual([state, text], ["failed", "no answer, because the connection was lost; it is unknown whether the command was carried out"]);
   assert.equal((await client.ask({ do: "call", path: "home" })).state, "refused");
+});
+
+test("an action that lasts until it is let go of has begun when its command is done; one that is done at once is done", async () => {
+  const { feed, client, answer } = page();
+  feed.description.actions = [{ path: "run", dead_man: true }, { path: "home", dead_man: false }];
+  for (const [i, path] of ["run", "home"].entries()) {
+    client.ask({ do: "call", path });
+    await answer(i + 1, "done", i + 1);
+  }
+  client.ask({ do: "let go", path: "run" }, "release run");
+  await answer(3, "done", 3);
+  assert.deepEqual(client.asked.map(inWords), ["release run: done", "call home: done", "call run: has begun"]);
+  assert.deepEqual(client.asked.map(shownState), ["done", "done", "begun"]);
 });
 
 test("after the end of the run its values are marked as the last ones, and no trigger is waited for", async () => {

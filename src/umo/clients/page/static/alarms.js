@@ -14,6 +14,15 @@ const MAX_ROWS = 50;  // that are shown
 const OF_ALL = "acknowledge alarm";  // the verb that is offered for all alarms at once
 const DEFAULTS = { time: "10 min" };  // of arguments, by their kinds
 
+/** How many alarms there are: `2 (1 active, 2 to be acknowledged), 1 shelved or out of service`. @param {Page.Alarm[]} alarms @param {number} open  To be acknowledged. */
+function countsOf(alarms, open) {
+  const shown = alarms.filter(({ annunciated }) => annunciated);
+  const active = shown.filter((each) => each.active).length;
+  const counts = shown.length ? `${shown.length} (${active} active, ${open} to be acknowledged)` : "none";
+  const hidden = alarms.length - shown.length;
+  return hidden ? `${counts}, ${hidden} shelved or out of service` : counts;
+}
+
 export class AlarmList {
   /** @param {Feed} feed @param {Client} client */
   constructor(feed, client) {
@@ -42,8 +51,7 @@ export class AlarmList {
   refresh(feed) {
     const alarms = feed.state?.alarms ?? [];
     const open = alarms.filter(({ asks }) => asks).length;
-    const standing = alarms.filter(({ annunciated }) => annunciated).length;
-    setText(this._count, alarms.length ? `Alarms: ${standing} standing, ${open} to be acknowledged` : "Alarms: none");
+    setText(this._count, `Alarms: ${countsOf(alarms, open)}`);
     this.element.dataset.open = String(open > 0);
     allow(this._all, this._client.barrier() || (open ? "" : "There is nothing to acknowledge"));
     const told = JSON.stringify([alarms, this._client.barrier(), [...this._given.values()].map(({ value }) => value)]);
@@ -54,8 +62,10 @@ export class AlarmList {
 
   /** @param {Page.Alarm} alarm @param {Feed} feed */
   _row(alarm, feed) {
-    const { path, priority, state, text, since, note, who } = alarm;
-    const when = since === null ? "" : wallTime(feed.state?.utc, since) || clockText(since);
+    const { path, priority, state, text, since, until, who } = alarm;
+    const moment = (/** @type {number} */ time) => wallTime(feed.state?.utc, time) || clockText(time);
+    const when = since === null ? "" : moment(since);
+    const note = [alarm.note, until === null ? "" : `until ${moment(until)}`].filter(Boolean).join("; ");
     return el("tr", { "data-alarm": path, "data-state": state, "data-priority": priority },
       el("td", { className: "sign", title: priority, textContent: SIGNS[/** @type {keyof typeof SIGNS} */ (priority)] ?? "●" }),
       el("td", { className: "text", title: note }, el("strong", { textContent: text }), el("small", { textContent: ` ${path}${note ? ` · ${note}` : ""}` })),

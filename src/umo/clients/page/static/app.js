@@ -161,6 +161,7 @@ function onState() {
 feed.on("state", onState);
 feed.on("connection", () => {
   say();
+  if (!feed.description) show();
   if (feed.connected && lastRun) announce("The connection to the server is back.");
 });
 feed.on("fleet", () => fleet.update(feed.fleet));

@@ -3,7 +3,10 @@
 import { ConnectionLost } from "./feed.js";
 import { Undo } from "./undo.js";
 
-/** @typedef {{what: string, path: string, state: string, text: string, call: boolean, at: number, command: number | null}} Asked  `at`: s on the cycle's clock; `command`: its number, where it came to the machine. */
+/**
+ * @typedef {{what: string, path: string, state: string, text: string, call: boolean, lasts: boolean, at: number, command: number | null}} Asked
+ *   `lasts`: what is called ends when it is let go of; `at`: s on the cycle's clock; `command`: its number, where it came to the machine.
+ */
 
 const MAX_REMEMBERED = 30;  // commands that are remembered
 const UNANSWERED = "no answer, because the connection was lost; it is unknown whether the command was carried out";
@@ -100,7 +103,10 @@ export class Client {
   }
 
   /** @param {string} what @param {string | undefined} path @param {string} state @param {string} text @param {boolean} call @returns {Asked} */
-  _entry(what, path, state, text, call = false) { return { what, path: path ?? "", state, text, call, at: this.feed.state?.time ?? 0, command: null }; }
+  _entry(what, path, state, text, call = false) {
+    const lasts = call && Boolean(this.feed.description?.actions?.some((each) => each.path === path && each.dead_man));
+    return { what, path: path ?? "", state, text, call, lasts, at: this.feed.state?.time ?? 0, command: null };
+  }
 
   /** Keep a path up from now on. `jog`: it ends too when the window loses the focus. @param {string} path @param {{jog?: (() => void) | null, lost?: () => void}} [how] */
   hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, Object.assign(this._held.get(path) ?? { command: null }, { jog, lost })); }
@@ -162,10 +168,17 @@ export class Client {
   _changed() { for (const listener of [...this._listeners]) listener(); }
 }
 
-/** An answer in words. @param {Pick<Asked, "what" | "state" | "text">} asked */
-export function words({ what, state, text }) {
+/** The state of a command as it is shown: a call of what lasts until it is let go of is done at once, and has only begun. @param {Pick<Asked, "state"> & {lasts?: boolean}} asked */
+export const shownState = ({ state, lasts = false }) => (lasts && state === "done" ? "begun" : state);
+
+const STATE_WORDS = { sent: "…", begun: "has begun" };
+
+/** An answer in words. @param {Pick<Asked, "what" | "state" | "text"> & {lasts?: boolean}} asked */
+export function words(asked) {
+  const { what, state, text } = asked;
   const said = state === "done" && text ? unquoted(text) : plain(text);
-  return [what, state === "sent" ? "…" : state, said].filter(Boolean).join(": ");
+  const shown = shownState(asked);
+  return [what, STATE_WORDS[/** @type {keyof typeof STATE_WORDS} */ (shown)] ?? shown, said].filter(Boolean).join(": ");
 }
 
 /** An error without its type. @param {string} text */

@@ -48,6 +48,8 @@ export class Feed {
     this.server = null;
     /** @type {Page.Line[]} */
     this.stations = [];
+    /** Whether the list of stations has come since the connection was made: before, nothing is known about them. */
+    this.listed = false;
     /** @type {Page.FleetRow[]} The stations of all computers, where the server follows a fleet. */
     this.fleet = [];
     /** @type {string | null} Name of the run to show; "": the list of stations; null: what the server chooses. */
@@ -106,7 +108,7 @@ export class Feed {
   /** @param {number} code */
   _closed(code) {
     const was = this.connected;
-    this.connected = false;
+    this.connected = this.listed = false;
     const refused = code === 4401;
     const news = was || this._attempt === 0 || refused !== this.refused;
     this.refused = refused;
@@ -134,6 +136,7 @@ export class Feed {
   /** @param {{stations: Page.Line[]}} message */
   _on_stations({ stations }) {
     this.stations = stations;
+    this.listed = true;
     if (this.description && !stations.some(({ name, place }) => name === this.station && place === this._place)) this._forget();  // e.g. ended while the server was away
     this._emit("stations");
   }

@@ -3,7 +3,7 @@
 import { AlarmList } from "./alarms.js";
 import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableControl } from "./controls.js";
 import { address, allow, el, setText } from "./dom.js";
-import { words } from "./client.js";
+import { shownState, words } from "./client.js";
 import { LawPanel, lawsOf } from "./law_panel.js";
 import { LeaseBar } from "./lease.js";
 import { filtered, groupsOf, isActuator, partsOf } from "./parts.js";
@@ -79,7 +79,7 @@ export class View {
     const text = shown.map(words).join("\n");
     if (text === this._answered) return;
     this._answered = text;
-    this._answers.replaceChildren(...shown.map((each) => el("li", { "data-state": each.state, textContent: words(each), title: words(each) })));
+    this._answers.replaceChildren(...shown.map((each) => el("li", { "data-state": shownState(each), textContent: words(each), title: words(each) })));
   }
 
   close() {

@@ -38,8 +38,15 @@ export function offer(select, { stations, station }) {
   if (select.value !== chosen) select.value = chosen;
 }
 
-/** The list of running stations, and what to type if there is none. @param {HTMLElement} element @param {Feed} feed @param {(name: string) => void} choose @param {HTMLElement} fleet  Of all computers. */
-export function list(element, { stations, wanted: chosen, server }, choose, fleet) {
+/**
+ * The list of running stations, and what to type if there is none. Until the server has told its stations, it claims nothing about them.
+ * @param {HTMLElement} element @param {Feed} feed @param {(name: string) => void} choose @param {HTMLElement} fleet  Of all computers.
+ */
+export function list(element, { stations, listed, refused, wanted: chosen, server }, choose, fleet) {
+  if (!listed) {
+    element.append(el("p", { className: "hint", textContent: refused ? "" : "Connecting to the server ..." }));
+    return;
+  }
   const wanted = chosen ?? server?.station;
   const lines = stations.map((line) => el("li", {}, el("button", {
     className: line.ending?.failed ? "failed" : "", textContent: sentenceOf(line, stations), onclick: () => choose(line.name),

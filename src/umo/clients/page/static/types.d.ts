@@ -75,7 +75,11 @@ declare namespace Page {
     since: number | null;
     who: string;
     note: string;
+    /** s on the cycle's clock: the end of its shelving; null: not shelved, or not known. */
+    until: number | null;
     annunciated: boolean;
+    /** Its condition is true, or cannot be evaluated. */
+    active: boolean;
     asks: boolean;
     /** Names of the verbs that do something with it now. */
     verbs: string[];
