@@ -314,11 +314,17 @@ def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path, few_rules
 
 MISTAKES = {
     "--driver cord": "there is no driver 'cord' (did you mean 'card'?) in the wiring: card, timerfd, simulated",
-    "--only out:7": "'out:7' is neither a channel of this driver nor an object wired to it (did you mean 'out:1'?)",
+    "--only out:7": "'out:7' is a channel of card, but no object is wired to it (did you mean 'out:1'?)",
+    "--only out": "'out' is neither a channel of card nor an object wired to it (did you mean 'out:1'?)",
+    "--only motor --loopback out:0=in:3": "'in:3' is a channel of card, but no object is wired to it; both ends of a "
+    "loop-back need an object, which --only must not leave out",
+    "--only motor --loopback motor=back": "'back' is wired to card, but cannot be chosen here; both ends of a loop-back "
+    "need an object, which --only must not leave out",
+    "--steady motor": "'motor' is wired to card, but cannot be chosen here; --steady needs an input",
     "--loopback motor": "--loopback motor: give OUTPUT=INPUT",
     "--loopback back=motor": "--loopback back=motor: back must be an actuator and motor a channel that can be read",
     "--refused out:0": "--refused out:0: motor is wired to this channel",
-    "--only nothing": "'nothing' is neither a channel of this driver nor an object wired to it",
+    "--only nothing": "'nothing' is neither a channel of card nor an object wired to it",
 }
 
 
