@@ -85,7 +85,7 @@ def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: S
 
 def _proved(station: Station, file: Path | None, machine: Compound, choice: Choice) -> Certificate:
     before = state()
-    wired = resolve(machine, file)
+    wired = resolve(machine, file, to_run=False)
     name = _driver(wired, choice.driver)
     others = (type(driver).__module__ for other, driver in wired.drivers.items() if other != name)
     if not all(module.startswith("umo.") for module in others):

@@ -318,8 +318,8 @@ MISTAKES = {
     "--only out": "'out' is neither a channel of card nor an object wired to it (did you mean 'out:1'?)",
     "--only motor --loopback out:0=in:3": "'in:3' is a channel of card, but no object is wired to it; both ends of a "
     "loop-back need an object, which --only must not leave out",
-    "--only motor --loopback motor=back": "'back' is wired to card, but cannot be chosen here; both ends of a loop-back "
-    "need an object, which --only must not leave out",
+    "--only motor --loopback motor=back": "'back' is wired to card, but cannot be chosen here; both ends of a "
+    "loop-back need an object, which --only must not leave out",
     "--steady motor": "'motor' is wired to card, but cannot be chosen here; --steady needs an input",
     "--loopback motor": "--loopback motor: give OUTPUT=INPUT",
     "--loopback back=motor": "--loopback back=motor: back must be an actuator and motor a channel that can be read",
@@ -333,6 +333,16 @@ def test_a_mistake_is_one_line_with_what_there_is(umo: Umo, press: Path, words: 
     result = umo("device", "conform", "press", "-w", "card", "--yes", *words.split())
     assert result.exit_code == 2
     assert said(result) == f"umo: {MISTAKES[words]}"
+
+
+def test_the_timer_of_a_wiring_may_be_a_plant_in_virtual_time(
+    umo: Umo, press: Path, few_rules: Callable[..., None]
+) -> None:
+    few_rules("answers", "late answer", "end")
+    file = press / "wiring" / "card.toml"
+    file.write_text(file.read_text().replace("timerfd", "simulated"))
+    result = umo("device", "conform", "press", "-w", "card", "--driver", "card", "--yes")
+    assert result.exit_code == 0, said(result)
 
 
 def test_a_wiring_file_without_a_station_is_a_mistake(umo: Umo, tmp_path: Path) -> None:
