@@ -310,6 +310,7 @@ def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path, few_rules
     assert result.exit_code == 1
     assert "readings │ failed │ A reading is an int, within the bits of its channel." in said(result)
     assert "[read of in:0 returned" in said(result)
+    assert "2 rules passed, 1 rule failed, 1 rule not tried" in said(result)
 
 
 MISTAKES = {

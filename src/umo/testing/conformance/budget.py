@@ -8,6 +8,7 @@ from time import monotonic
 
 from umo.duration import duration, lasting
 from umo.testing.conformance.rules import ALWAYS, LINE, NOTHING, Cost, Rule
+from umo.text import count_of
 
 LATE_SHARE, LATE_TIME = 0.1, 5.0
 """Share of the budget, and time in s, by which a rule may take longer than planned before it is cut short."""
@@ -83,7 +84,8 @@ class TimePlan:
         )
         if self.left_out:
             enough = lasting(sum(self.least.values()))
-            text += f". Of {len(self.least)} rules {len(self.left_out)} will not fit ({enough} would be enough): "
+            rules = count_of(len(self.least), "rule")
+            text += f". Of {rules} {len(self.left_out)} will not fit ({enough} would be enough): "
             text += ", ".join(self.left_out)
         elif self.full > self.budget:
             text += f"; all rules would take {lasting(self.full)}"
