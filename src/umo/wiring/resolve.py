@@ -597,8 +597,9 @@ class _Resolver:
             return f"there is no such parameter{hint}"
         number = known[path]
         try:
+            value = number.from_written(value)
             checked = number.checked(value) if number.is_field else number.of_its_type(value)
-        except RangeError as error:
+        except (RangeError, DeclarationError) as error:
             return str(error).removeprefix(f"{path}: ")
         found.append(Parameter(number, checked))
         return ""
