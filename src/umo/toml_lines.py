@@ -6,35 +6,58 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 LONGEST = 200
 """Largest number of lines of one value; no line is known for the keys after a longer value."""
 _QUOTES = re.compile("[\"']")
 
 
+class _Statement(NamedTuple):
+    """A key with its value, or the heading of a table."""
+
+    line: int
+    key: str
+    """The key as written."""
+    paths: list[str]
+    """The paths of all keys in the statement, the outer keys first."""
+
+
 def lines_of(text: str) -> dict[str, int]:
     """Return the line of each key and table (the first if there are several) by its path without quotation marks, such
-    as `wire.z.motor.channel`. `text` must be valid TOML."""
+    as `wire.z.motor.channel`. Each statement of `text` must be valid TOML."""
     found: dict[str, int] = {}
+    for statement in _statements(text):
+        for path in statement.paths:
+            found.setdefault(path, statement.line)
+    return found
+
+
+def line_before(text: str, line: int) -> tuple[str, int] | None:
+    """Return the key of the last statement up to a line, as written, and the first line of an earlier statement that
+    has the same key or, without one, the key of a table around it. None if there is no such statement."""
+    *before, last = [each for each in _statements(text) if each.paths and each.line <= line] or [_Statement(0, "", [])]
+    lines = {path: each.line for each in reversed(before) for path in each.paths}
+    return next(((last.key, lines[path]) for path in reversed(last.paths) if path in lines), None)
+
+
+def _statements(text: str) -> Iterator[_Statement]:
     table, statement, first = "", "", 1
     for number, line in enumerate(text.split("\n"), 1):
         statement += line + "\n"
         if number - first >= LONGEST:
-            break
+            return
         try:
             data = tomllib.loads(statement)
         except ValueError:  # it goes on in the next line
             continue
         paths = [*_paths(data, "")]
         if statement.lstrip().startswith("[") and paths:
-            table = f"{paths[-1]}."
-            found.setdefault(paths[-1], first)
+            table, paths = f"{paths[-1]}.", paths[-1:]
+            yield _Statement(first, statement.strip(), paths)
         else:
-            for path in paths:
-                found.setdefault(table + path, first)
+            yield _Statement(first, statement.partition("=")[0].strip(), [table + path for path in paths])
         statement, first = "", number + 1
-    return found
 
 
 def line_of(key: str, lines: Mapping[str, int]) -> int | None:

@@ -24,6 +24,7 @@ from umo.stations import ztheta
 from umo.system.device_lock import DeviceLock
 from umo.system.device_record import DeviceRecord
 from umo.testing import periods, station
+from umo.wiring import check
 
 
 def said(result: Result) -> str:
@@ -291,6 +292,26 @@ def test_check_says_what_a_timeout_above_a_second_costs(umo, tank: Path) -> None
         r"and so does a stop; a process that hangs is found after 12\.\d+ s \(process\.hang_timeout\)",
         note,
     )
+
+
+def test_one_object_on_hardware_beside_a_plant_needs_real_time_only_to_run(umo, tank: Path) -> None:
+    text = (tank / "wiring" / "simulated.toml").read_text()
+    box = '[drivers.box]\ntype = "modbus"\nhost = "127.0.0.1"\nport = 1\n\n'
+    mixed = text.replace('{ driver = "tank", channel = "in:overflow" }', '{ driver = "box", channel = "discrete:0" }')
+    (tank / "wiring" / "box.toml").write_text(box + mixed)
+    why = "tank runs in virtual time, but driver box controls hardware (modbus tcp 127.0.0.1:1)"
+    for words in ("-w", "box"), ("--all",):
+        result = umo("check", "tank", *words)
+        assert result.exit_code == 0, said(result)
+        assert f"note: {why}: this wiring runs with --realtime only" in result.stdout
+    assert umo("show", "period", "tank", "-w", "box").exit_code == 0
+    assert check(find("tank").machine(), tank / "wiring" / "box.toml") == []
+    result = umo("run", "tank", "-w", "box")
+    assert result.exit_code == 2
+    assert f"{why}; wire the timer to a real clock" in said(result)
+    for words in ("run", "--realtime"), ("device", "get", "overflow"):  # both go on to the device, which is not there
+        result = umo(*words[:-1], "tank", words[-1], "-w", "box")
+        assert result.exit_code == 1 and "127.0.0.1:1" in said(result) and "virtual" not in said(result)
 
 
 def test_check_asks_whether_a_coulomb_was_meant(umo, tank: Path) -> None:

@@ -338,7 +338,11 @@ def test_a_machine_that_is_not_made_is_told_why() -> None:
     [
         ("[drivers.a]\ntype = simulated", 'write a string in quotation marks: "tank"'),
         ('[drivers.a]\ntype = "simulated"\n[drivers.a]\n', "write all keys of a table below one heading [table]"),
-        ("[wire]\na = 1\na = 2", "give each key only once"),
+        ("[wire]\na = 1\na = 2", "give each key only once: a is also in line 2"),
+        ("# own\n[wire]\n'z.a' = { driver = [\n1] }\nb = 1\n'z.a' = [\n2]\nc = 1", "once: 'z.a' is also in line 3"),
+        ("[wire]\na = { x = 1 }\nb.x = 1\na = { y = 2 }\n", "give each key only once: a is also in line 2"),
+        ("[wire]\na.x = 1\n[parameters]\na.x = 1\na.y = 1\na.x = 2\n", "once: a.x is also in line 4"),
+        ("[drivers]\na = 1\n[drivers.a]\ntype = 'simulated'", "give each key only once: [drivers.a] is also in line 2"),
     ],
 )
 def test_a_wiring_that_is_no_toml_is_told_what_was_meant(tmp_path: Path, text: str, words: str) -> None:

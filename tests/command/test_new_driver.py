@@ -46,6 +46,12 @@ def test_every_rule_of_the_line_is_tried(subject):
 """
 
 
+def test_a_new_driver_on_a_line_says_that_lines_of_text_need_none(umo) -> None:
+    hint = "A device that speaks in lines of text needs no driver of its own: the driver text takes its commands"
+    assert hint in umo("new", "driver", "valve_island", "--tcp").output
+    assert hint not in umo("new", "driver", "card").output
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("line", ["--tcp", "--serial"])
 def test_a_new_driver_on_a_line_has_a_device_and_a_line_on_which_every_rule_is_tried(

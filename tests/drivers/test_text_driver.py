@@ -313,6 +313,14 @@ def test_a_timeout_drops_the_connection() -> None:
         assert server.connections == 2
 
 
+def test_an_answer_for_which_ctrl_c_did_not_wait_is_not_taken_for_the_next_one() -> None:
+    with device() as (driver, server):
+        with patch.object(Stream, "receive", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
+            read(driver, "a")
+        assert read(driver, "b") == [2]
+        assert server.connections == 2
+
+
 def test_half_an_answer_is_shown_when_it_times_out() -> None:
     half = re.escape("the device sent '12' without the terminator '\\n': timed out (50 ms); set answer_terminator")
     with device(lambda _: b"12", timeout=HASTY) as (driver, _), pytest.raises(DeviceTimeout, match=half):

@@ -17,7 +17,7 @@ from umo.drivers import Channel, Direction, Driver, DriverError, WiringError
 from umo.drivers.paced import PacedTimer
 from umo.objects import atoms
 from umo.testing import VirtualTimer
-from umo.wiring import Wired, resolve
+from umo.wiring import Wired, check, resolve
 
 MISSED = [0, 3, 1, 0]
 
@@ -143,7 +143,21 @@ def test_a_paced_timer_may_stand_beside_hardware() -> None:
     given["drivers"]["clock"] = VirtualTimer()
     with pytest.raises(WiringError, match=r"clock runs in virtual time.* or run with --realtime"):
         resolved(given)
+    with pytest.raises(WiringError, match=r"clock runs in virtual time"), connect(bench(), given):
+        pass
     assert resolved(given, realtime=True).realtime
+
+
+def test_virtual_time_beside_hardware_is_no_mistake_as_long_as_nothing_runs() -> None:
+    class Card(Plant):
+        def devices(self) -> list[str]:
+            return ["card 1"]
+
+    given = wiring(Card())
+    assert check(bench(), given) == []
+    text = "plant runs in virtual time, but driver plant controls hardware (card 1)"
+    assert resolve(bench(), given, to_run=False).mixed_times == text
+    assert resolved(given, realtime=True).mixed_times == ""
 
 
 def test_an_object_on_the_timers_channel_is_still_found() -> None:

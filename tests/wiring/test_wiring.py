@@ -6,7 +6,8 @@ import contextlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Annotated, Any
 
 import pytest
 from hypothesis import example, given
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import actuator, bench, sensor, switch, timer, wired
 from helpers.tiers import budget
-from umo import Compound, DigitalActuator, DigitalSensor, check, connect
+from umo import Compound, DigitalActuator, DigitalSensor, Range, check, connect
 from umo.drivers import Channel, Direction, Driver, KnowsScale, WiringError
 from umo.errors import OptionError
 from umo.objects import atoms
@@ -592,6 +593,41 @@ def test_a_whole_number_stays_one():
     wiring["parameters"] = {"steps": 400, "motors.0.speed": 2}
     with connect(m, wiring):
         assert (repr(m.steps), repr(m.motors[0].speed)) == ("400", "2.0")
+
+
+class Dosing(Compound, numbers={"law.gain": Range("V/mm", 0.0, 3.0)}):
+    motor: DigitalActuator
+    target: Annotated[float, Range("g", 0.0, 900.0)] = 100.0
+    count: Annotated[int, Range("ms", 0.0, 900.0)] = 1
+    share: float = 0.5
+
+    def setup(self):
+        self.law = SimpleNamespace(gain=1.0)
+
+
+def test_a_parameter_may_have_a_unit():
+    m = Dosing(motor=actuator())
+    wiring = simulated(m)
+    wiring["parameters"] = {"target": "0.5 kg", "count": "0.4 s", "law.gain": "2000 V/m"}
+    assert check(m, wiring) == []
+    with connect(m, wiring):
+        assert (m.target, repr(m.count), m.law.gain) == (500.0, "400", 2.0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"target": "500"}, """'500' is not a number in g, or a string such as "1.5 g\""""),
+        ({"target": "1 kg"}, "1000 g is outside 0 to 900"),
+        ({"target": "1 mm"}, "'mm' cannot be converted to 'g'"),
+        ({"target": "1 parsnip"}, "'parsnip' is not a unit that pint knows"),
+        ({"count": "0.5 ms"}, "0.5 is not a whole number"),
+        ({"share": "3 g"}, "'3 g' is not a number"),
+    ],
+)
+def test_a_parameter_with_a_wrong_unit_or_value_is_named(parameters, message):
+    m = Dosing(motor=actuator())
+    assert message in one_fault(m, {**simulated(m), "parameters": parameters})[1]
 
 
 def test_nested_parameters_are_the_same():

@@ -190,7 +190,7 @@ def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | No
     The errors are those of `connect`."""
     if root.cycle.connected:
         raise DeclarationError(f"{type(root).__name__} is already connected")
-    wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring)
+    wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring, to_run=False)
     with machine_laid_out(root, wired) as machine:
         yield model_of(machine, wired)
 

@@ -18,6 +18,7 @@ from umo.objects.compound import Compound
 from umo.objects.laws import PLAIN, laws_of
 from umo.objects.paths import walk
 from umo.objects.range import Number, Range
+from umo.objects.units import number_with_unit
 from umo.signature import evaluated, hints_of
 from umo.text import did_you_mean
 from umo.user_code import attempt, raise_as
@@ -74,6 +75,13 @@ class MachineNumber(NamedTuple):
         if self.kind is None and isinstance(self.value, int) and number == int(number):
             return int(number)
         return float(number)
+
+    def from_written(self, value: object) -> object:
+        """Return a value as a file has it, where a number may be a string with a unit, such as "0.5 kg". Raises
+        RangeError or DeclarationError for any other string in place of a number."""
+        if isinstance(value, str) and self.kind in (None, int, float):
+            return number_with_unit(self.declared.unit, value)
+        return value
 
     def of_its_type(self, value: object) -> object:
         """Return the value unchanged. Raises RangeError if it does not have the type of the number; the range is not

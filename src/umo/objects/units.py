@@ -37,6 +37,8 @@ _PRODUCT = rf"{_FACTOR}(?:(?:\s*[*/·⋅]\s*|\s+){_FACTOR})*"
 _UNIT = re.compile(rf"\s*(?:{_PRODUCT}(?:\s*/\s*\({_PRODUCT}\))?)?\s*")
 """Form of a unit: names, their products and quotients and small powers. Without this check pint would calculate
 "9**9**9 mm" for hours."""
+_MEASURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?<=\s)|(?![\d.]))(\S.*?)\s*")
+"""A number with a unit."""
 MAX_LENGTH = 100
 """Largest length of a unit, in characters."""
 _USUAL_NAMES = """
@@ -146,3 +148,17 @@ def convert(value: float, source: str, target: str) -> float:
     if math.isfinite(value) and not math.isfinite(converted):
         raise RangeError(f"{measure(value, source)} cannot be expressed in {target}")
     return float(f"{converted:.{LOGARITHMIC_DIGITS}g}")
+
+
+def number_with_unit(unit: str, text: str) -> float:
+    """Return the number that a text with a unit, such as "1.5 min", stands for in this unit. Raises RangeError if it is
+    no such text, and the errors of `convert`."""
+    match = _MEASURE.fullmatch(text[:200])
+    if match is None or not unit:
+        what = f'a number in {unit}, or a string such as "1.5 {unit}"' if unit else "a number"
+        raise RangeError(f"{text!r} is not {what}")
+    number = float(match[1])
+    if match[2] == unit or same_unit(check_unit(match[2]), unit):
+        return number
+    converted = convert(number, match[2], unit)
+    return float(f"{converted:.12g}")  # 80 degF: no digits that only the conversion has made

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from enum import Enum
 from math import inf
@@ -10,9 +9,9 @@ from typing import Annotated, Any, get_args, get_origin
 
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.range import Range
+from umo.objects.units import number_with_unit
 from umo.text import did_you_mean
 
-_MEASURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?<=\s)|(?![\d.]))(\S.*?)\s*")
 ANY = Range("", -inf, inf)
 SEQUENCES = (list, tuple, Sequence)
 _PLAIN = {float, int, bool, str}
@@ -97,23 +96,8 @@ def _number(kind: type, limits: Range, given: Any, units: bool) -> float | int:
     if isinstance(given, str) and not units:
         unit = f" in {limits.unit}" if limits.unit else ""
         raise RangeError(f"{given[:60]!r} is not a number{unit}; a value that is sent must have no unit")
-    number = _converted(given, limits.unit) if isinstance(given, str) else given
+    number = number_with_unit(limits.unit, given) if isinstance(given, str) else given
     try:
         return limits.check_whole("", number) if kind is int else limits.check("", number)
     except RangeError as error:
         raise RangeError(str(error).removeprefix(": ")) from None
-
-
-def _converted(text: str, unit: str) -> float:
-    """Return the number that a text such as "1.5 min" stands for, in this unit."""
-    match = _MEASURE.fullmatch(text[:200])
-    if match is None or not unit:
-        what = f'a number in {unit}, or a string such as "1.5 {unit}"' if unit else "a number"
-        raise RangeError(f"{text!r} is not {what}")
-    from umo.objects.units import check_unit, convert, same_unit
-
-    number = float(match[1])
-    if match[2] == unit or same_unit(check_unit(match[2]), unit):
-        return number
-    converted = convert(number, match[2], unit)
-    return float(f"{converted:.12g}")  # 80 degF: no digits that only the conversion has made

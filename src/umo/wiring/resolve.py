@@ -69,9 +69,10 @@ OPTION = "--"
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
     """Return every mistake in the wiring; empty if it fits the machine. No device is opened. The parameters of the
-    wiring are set on the machine, which calls `setup`, and are then restored."""
+    wiring are set on the machine, which calls `setup`, and are then restored. A wiring that runs in real time only
+    (`umo run --realtime`) has no mistake."""
     check_machine("check", root)
-    resolver = _Resolver(root, wiring, {})
+    resolver = _Resolver(root, wiring, {}, to_run=False)
     wired, mistakes = resolver.run()
     if not mistakes and (text := mistake_of_parameters(root, wired.parameters)):
         return resolver.source.located([Mistake(resolver.source.file, "parameters", text)])
@@ -79,12 +80,17 @@ def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) 
 
 
 def resolve(
-    root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any] | None = None
+    root: Compound,
+    wiring: Path | str | Mapping[str, Any] | None,
+    options: Mapping[str, Any] | None = None,
+    *,
+    to_run: bool = True,
 ) -> Wired:
     """Return the checked and complete wiring. Raises WiringError, which lists every mistake, or OptionError if only the
     options are wrong. No device is opened. `options`: the options for its drivers
-    (`umo.wiring.run_options.distribute_options`)."""
-    wired, mistakes = _Resolver(root, wiring, options or {}).run()
+    (`umo.wiring.run_options.distribute_options`). `to_run`: False if no period will run; then hardware is accepted
+    together with virtual time (`Wired.mixed_times`)."""
+    wired, mistakes = _Resolver(root, wiring, options or {}, to_run).run()
     if mistakes:
         if all(each.file.startswith(OPTION) for each in mistakes):
             raise OptionError("\n".join(map(str, mistakes)))
@@ -94,9 +100,13 @@ def resolve(
 
 class _Resolver:
     def __init__(
-        self, root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any]
+        self,
+        root: Compound,
+        wiring: Path | str | Mapping[str, Any] | None,
+        options: Mapping[str, Any],
+        to_run: bool,
     ) -> None:
-        self.root = root
+        self.root, self.to_run = root, to_run
         self.options = {name: value for name, value in options.items() if name not in WIRING_OPTIONS}
         self.realtime = options.get(REALTIME, False)
         self.given = options
@@ -148,7 +158,12 @@ class _Resolver:
             record=self.source.record,
             controllers=controllers,
         )
-        self._check_time(wired)
+        if self.to_run and wired.mixed_times:
+            self.source.mistake(
+                'wire."timer".driver',
+                f"{wired.mixed_times}; "
+                'wire the timer to a real clock, { driver = "timerfd", period = ... }, or run with --realtime',
+            )
         self._check_plants()
         wired = dataclasses.replace(wired, process=process_of(self.source, wired), paced=paced, injection=injection)
         return wired, self.source.located(collapsed(self.source.mistakes, origin))
@@ -547,17 +562,6 @@ class _Resolver:
                 times = f", {every} times the period," if every > 1 else ""
                 self.source.mistake('wire."timer".period', f"{duration(every * period)}{times} is {why}")
 
-    def _check_time(self, wired: Wired) -> None:
-        """Refuse virtual time together with hardware, because virtual time runs as fast as possible."""
-        if wired.timer is not None and wired.period is not None and wired.hardware and not wired.realtime:
-            name, devices = next(iter(wired.hardware.items()))
-            timer = self.source.entries["timer"].driver
-            self.source.mistake(
-                'wire."timer".driver',
-                f"{timer} runs in virtual time, but driver {name} controls hardware ({devices[0]}); "
-                'wire the timer to a real clock, { driver = "timerfd", period = ... }, or run with --realtime',
-            )
-
     def _check_plants(self) -> None:
         """Refuse a plant that is not the timer, because no time would pass in it."""
         wired = self.source.entries.get("timer")
@@ -593,8 +597,9 @@ class _Resolver:
             return f"there is no such parameter{hint}"
         number = known[path]
         try:
+            value = number.from_written(value)
             checked = number.checked(value) if number.is_field else number.of_its_type(value)
-        except RangeError as error:
+        except (RangeError, DeclarationError) as error:
             return str(error).removeprefix(f"{path}: ")
         found.append(Parameter(number, checked))
         return ""

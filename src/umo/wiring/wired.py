@@ -289,6 +289,16 @@ class Wired:
         return next((wire for wire in self.wires if wire.item is self.timer), None)
 
     @property
+    def mixed_times(self) -> str:
+        """What runs in virtual time together with hardware, as text. Such a wiring runs with the option `realtime`
+        only, because virtual time runs as fast as possible. Empty if nothing does."""
+        if self.timer_wire is None or self.period is None or not self.hardware or self.realtime:
+            return ""
+        timer = self.texts_of([self.timer_wire])[0].partition(":")[0]
+        name, devices = next(iter(self.hardware.items()))
+        return f"{timer} runs in virtual time, but driver {name} controls hardware ({devices[0]})"
+
+    @property
     def realtime(self) -> bool:
         """True if the timer keeps the pace of the wall clock."""
         return self.timer_wire is not None and self.timer_wire.driver.realtime

@@ -105,7 +105,7 @@ def check_recipes(machine: Compound) -> None:
 def _check_wiring(machine: Compound, file: Path | None, target: str | None) -> int:
     if reported(check(machine, file)):
         return ExitStatus.MISTAKE
-    wired = resolve(machine, file)
+    wired = resolve(machine, file, to_run=False)
     notes: list[str] = []
     try:
         faces = names_in(faces_of(str(file), wired.faces, notes.append))
@@ -135,6 +135,8 @@ def _check_wiring(machine: Compound, file: Path | None, target: str | None) -> i
     if late := turn_text(alarms, wired.period):
         out.print(late, soft_wrap=True)
     notes += [*_without_number(machine, wired), *([] if target == COMPILE else _in_python(machine, wired))]
+    if wired.mixed_times:
+        notes.append(f"{wired.mixed_times}: this wiring runs with --realtime only")
     for remark in [*remarks(wired), *notes]:
         out.print(f"note: {remark}", soft_wrap=True, markup=False)
     return 0
@@ -199,7 +201,7 @@ def _check_name_of(target: str | None) -> None:
 def _untranslated(machine: Compound, file: Path | None, target: str) -> list[str]:
     """Return what cannot be translated for a target."""
     if target == COMPILE:
-        return _not_compiled(machine, resolve(machine, file))
+        return _not_compiled(machine, resolve(machine, file, to_run=False))
     from umo.generate.controller_folder import NotTranslated
     from umo.generate.controller_generator import generated, target_of
 

@@ -164,7 +164,8 @@ def conform(
     loopback: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="OUT=IN", help="An output, and an input that reads the level of this output. May be repeated."
+            metavar="OUT=IN",
+            help="An output, and an input that reads the level of this output. Each needs an object. May be repeated.",
         ),
     ] = None,
     only: Annotated[

@@ -42,6 +42,7 @@ from umo_command.station_options import machine_of
 from umo_command.values import check_file
 
 ROUNDING_SHARE = 1e-9
+BOTH_ENDS = "; both ends of a loop-back need an object, which --only must not leave out"
 IN_PART = 3
 """The exit status if no rule is broken, but the line was not disturbed, or the time was too short."""
 
@@ -84,7 +85,7 @@ def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: S
 
 def _proved(station: Station, file: Path | None, machine: Compound, choice: Choice) -> Certificate:
     before = state()
-    wired = resolve(machine, file)
+    wired = resolve(machine, file, to_run=False)
     name = _driver(wired, choice.driver)
     others = (type(driver).__module__ for other, driver in wired.drivers.items() if other != name)
     if not all(module.startswith("umo.") for module in others):
@@ -162,17 +163,23 @@ def _wires(wired: Wired, name: str, only: Sequence[str]) -> list[Wire]:
     wires = [wire for wire in own if wire.item is not wired.timer] or own
     if not wires:
         raise StationError(f"no object is wired to {name}")
-    return [_wire(wires, text) for text in dict.fromkeys(only)] if only else wires
+    return [_wire(wires, text, wired, name) for text in dict.fromkeys(only)] if only else wires
 
 
-def _wire(wires: Iterable[Wire], text: str) -> Wire:
-    """Find a wire by the text of its channel or the path of its object."""
+def _wire(wires: Iterable[Wire], text: str, wired: Wired, name: str, why: str = "") -> Wire:
+    """Find a wire of a driver by the text of its channel or the path of its object. `why`: why it must be wired."""
     known = {wire.path: wire for wire in wires} | {wire.channel.text: wire for wire in wires}
-    if text not in known:
-        raise PathError(
-            f"{text!r} is neither a channel of this driver nor an object wired to it{did_you_mean(text, known)}"
-        )
-    return known[text]
+    if text in known:
+        return known[text]
+    driver, near = wired.drivers[name], did_you_mean(text, known)
+    for wire in wired.wires:
+        if wire.driver is driver and text in (wire.path, wire.channel.text):
+            raise PathError(f"{text!r} is wired to {name}, but cannot be chosen here{why}")
+    try:
+        driver.channel(text)
+    except Exception:
+        raise PathError(f"{text!r} is neither a channel of {name} nor an object wired to it{near}") from None
+    raise PathError(f"{text!r} is a channel of {name}, but no object is wired to it{near}{why}")
 
 
 def _subject(
@@ -180,9 +187,9 @@ def _subject(
 ) -> Subject:
     outputs = [wire for wire in wires if wire.item.direction is Direction.OUTPUT]
     inputs = [wire for wire in wires if wire.item.direction is not Direction.OUTPUT]
-    loops = [_loop(wires, text) for text in choice.loopbacks]
+    loops = [_loop(wires, text, wired, name) for text in choice.loopbacks]
     by_text = {wire.channel.text: wire for wire in wires}
-    steady = [_wire(inputs, text) for text in choice.steady]
+    steady = [_wire(inputs, text, wired, name, "; --steady needs an input") for text in choice.steady]
     driver = wired.drivers[name]
     return Subject(
         name=_title(station, file, name),
@@ -219,11 +226,11 @@ def _output(wire: Wire) -> Output:
     return Output(wire.channel.text, default, least, greatest)
 
 
-def _loop(wires: Sequence[Wire], text: str) -> tuple[Wire, Wire]:
+def _loop(wires: Sequence[Wire], text: str, wired: Wired, name: str) -> tuple[Wire, Wire]:
     first, sign, second = text.partition("=")
     if not sign:
         raise StationError(f"--loopback {text}: give OUTPUT=INPUT")
-    output, back = _wire(wires, first), _wire(wires, second)
+    output, back = (_wire(wires, end, wired, name, BOTH_ENDS) for end in (first, second))
     if output.item.direction is not Direction.OUTPUT or Direction.INPUT not in back.channel.direction:
         raise StationError(f"--loopback {text}: {first} must be an actuator and {second} a channel that can be read")
     return output, back

@@ -52,7 +52,7 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
     for item in items:
         converted(TableRow(described(item), 1.0), unit)  # before a device is opened
     file = station.wiring(wiring)
-    wired = resolve(machine, file)
+    wired = _resolved(machine, file)
     wires = {wire.item: wire for wire in wired.wires}
     limit_waits()
     connection = connect(machine, wired, acknowledge=acknowledge)
@@ -98,13 +98,17 @@ def set_value(
     if not isinstance(item, Actuator):
         raise PathError(f"{path} is a sensor; only actuators can be set")
     file = station.wiring(wiring)
-    realtime = LINUX and "timer" in children(machine)
-    wired = resolve(machine, file, {"realtime": realtime})
+    wired = _resolved(machine, file)
     value = _parse(item, text, wired)
     limit_waits()
     connection = connect(machine, wired, acknowledge=acknowledge)
     _announce(connection, station, file, "write")
     return _hold(connection, item, value, hold)
+
+
+def _resolved(machine: Compound, file: Path | None) -> Wired:
+    """Return the wiring. A machine with a timer is in real time, because there may be hardware."""
+    return resolve(machine, file, {"realtime": LINUX and "timer" in children(machine)})
 
 
 # Which station is meant ---------------------------------------------------------------------------------
@@ -145,7 +149,7 @@ def _has_wiring(reader: Reader, name: str, wiring: str) -> bool:
         return True
     try:
         station = find(name)
-        wired = resolve(station.machine(**reader.about.get("options", {})), station.wiring(wiring))
+        wired = resolve(station.machine(**reader.about.get("options", {})), station.wiring(wiring), to_run=False)
     except (StationError, DeclarationError):  # the run has no folder of this name, or the folder has another machine
         return False
     return bool(set(wired.devices) & set(reader.about["devices"]))

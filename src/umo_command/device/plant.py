@@ -46,7 +46,7 @@ def serve_plant(
     shares = distribute_options({**options, **injected}, machine=station.make, wiring=simulated)
     machine = station.machine(**shares.machine)
     plant = resolve(machine, simulated, shares.wiring)
-    bus = resolve(machine, served)
+    bus = resolve(machine, served, to_run=False)
     try:
         maps = register_maps(plant, bus)
     except WiringError as error:

@@ -63,6 +63,9 @@ def driver(
     The driver works immediately, with a simulated device. The device is in memory; with --tcp or --serial it is a
     separate process, NAME_device.py. The tests run the conformance kit, which tests whether the driver keeps the
     contract, also on a disturbed line. Replace the simulated device by the real one; the tests stay the same.
+
+    A device that speaks in lines of text needs no driver of its own: the driver `text` takes its commands from a few
+    lines of the wiring (`umo device drivers text`).
     """
     from umo_command.new.templates import make_driver
 

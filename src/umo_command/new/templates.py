@@ -139,6 +139,12 @@ def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
         f'In a wiring: [drivers.{name}] type = "{kind}"{elsewhere}',
         soft_wrap=True,
     )
+    if device:
+        out.print(
+            "A device that speaks in lines of text needs no driver of its own: the driver text takes its commands from "
+            "a few lines of the wiring (docs/driver-text.md).",
+            soft_wrap=True,
+        )
 
 
 def make_face(name: str, folder: Path) -> None:

@@ -34,7 +34,7 @@ def show_period(station: Station, wiring: str | None, words: Sequence[str] = ())
     root, paths = machine_and_words(station, words)
     if paths:
         raise OptionError(f"unexpected argument {paths[0]!r}: umo show period shows the whole machine")
-    wired = resolve(root, station.wiring(wiring))
+    wired = resolve(root, station.wiring(wiring), to_run=False)
     with laid_out(root, wired) as machine:
         out.print(period_table(acting_in(machine), f"{station.name}: {_every(wired.period)}"))
     out.print(

@@ -310,15 +310,22 @@ def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path, few_rules
     assert result.exit_code == 1
     assert "readings │ failed │ A reading is an int, within the bits of its channel." in said(result)
     assert "[read of in:0 returned" in said(result)
+    assert "2 rules passed, 1 rule failed, 1 rule not tried" in said(result)
 
 
 MISTAKES = {
     "--driver cord": "there is no driver 'cord' (did you mean 'card'?) in the wiring: card, timerfd, simulated",
-    "--only out:7": "'out:7' is neither a channel of this driver nor an object wired to it (did you mean 'out:1'?)",
+    "--only out:7": "'out:7' is a channel of card, but no object is wired to it (did you mean 'out:1'?)",
+    "--only out": "'out' is neither a channel of card nor an object wired to it (did you mean 'out:1'?)",
+    "--only motor --loopback out:0=in:3": "'in:3' is a channel of card, but no object is wired to it; both ends of a "
+    "loop-back need an object, which --only must not leave out",
+    "--only motor --loopback motor=back": "'back' is wired to card, but cannot be chosen here; both ends of a "
+    "loop-back need an object, which --only must not leave out",
+    "--steady motor": "'motor' is wired to card, but cannot be chosen here; --steady needs an input",
     "--loopback motor": "--loopback motor: give OUTPUT=INPUT",
     "--loopback back=motor": "--loopback back=motor: back must be an actuator and motor a channel that can be read",
     "--refused out:0": "--refused out:0: motor is wired to this channel",
-    "--only nothing": "'nothing' is neither a channel of this driver nor an object wired to it",
+    "--only nothing": "'nothing' is neither a channel of card nor an object wired to it",
 }
 
 
@@ -327,6 +334,16 @@ def test_a_mistake_is_one_line_with_what_there_is(umo: Umo, press: Path, words: 
     result = umo("device", "conform", "press", "-w", "card", "--yes", *words.split())
     assert result.exit_code == 2
     assert said(result) == f"umo: {MISTAKES[words]}"
+
+
+def test_the_timer_of_a_wiring_may_be_a_plant_in_virtual_time(
+    umo: Umo, press: Path, few_rules: Callable[..., None]
+) -> None:
+    few_rules("answers", "late answer", "end")
+    file = press / "wiring" / "card.toml"
+    file.write_text(file.read_text().replace("timerfd", "simulated"))
+    result = umo("device", "conform", "press", "-w", "card", "--driver", "card", "--yes")
+    assert result.exit_code == 0, said(result)
 
 
 def test_a_wiring_file_without_a_station_is_a_mistake(umo: Umo, tmp_path: Path) -> None:

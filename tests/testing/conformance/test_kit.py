@@ -44,7 +44,7 @@ from umo.testing.conformance.level_rules import Witness
 from umo.testing.conformance.probe import failed
 from umo.testing.conformance.relay import Traffic
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import RuleBroken
+from umo.testing.conformance.rules import Rule, RuleBroken, chosen_rules
 
 
 def test_many_cycles_of_the_simulated_circuit_leave_nothing_behind() -> None:
@@ -540,6 +540,53 @@ def test_a_run_ends_within_its_budget_though_every_rule_takes_longer_than_planne
             while rule.cost.more and budget.has(device):
                 now += device
     assert 110.0 < now <= 120.0
+
+
+def test_a_rule_may_use_the_time_that_the_rules_after_it_cannot_use() -> None:
+    now = openings = 0.0
+    budget = Budget(180.0, all_rules(), clock=lambda: now)
+    pace = CallTime(opening=0.01, transfer=1e-4, wait=0.2, channels=2, connecting=0.004)
+    plan = budget.plan(pace, cycles=None)
+    assert 97 * 0.7 < plan.full < 180.0
+    for rule in all_rules():
+        if rule.theme == "general" or budget.begin(rule):
+            now += pace.of(rule.cost)
+        while rule.id == "descriptors" and openings < 97 and budget.has(0.7):
+            now, openings = now + 0.7, openings + 1
+    assert openings == 97 and now <= 180.0
+
+
+def test_what_was_left_out_is_tried_at_the_end_if_time_remains(monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = Budget.begin
+
+    def hesitate(budget: Budget, rule: Rule) -> bool:
+        if rule.id == "reset":
+            budget.left_out.append(rule.id)
+            return False
+        found = begin(budget, rule)
+        if rule.id == "range":
+            budget._until = 0.0
+        return found
+
+    monkeypatch.setattr(Budget, "begin", hesitate)
+    certificate = conform(simulated(), only=["range", "one beyond", "reset", "end"])
+    assert certificate.left_out == ()
+    assert [each.rule for each in certificate.findings] == ["range", "one beyond", "reset", "end"]
+    assert certificate.finding("reset").verdict is Judgement.PASSED
+    assert "levels" not in certificate.finding("range").why
+
+
+def test_what_was_left_out_is_not_tried_again_if_it_does_not_fit() -> None:
+    now = 0.0
+    rules = chosen_rules(["range"])
+    budget = Budget(100.0, rules, clock=lambda: now)
+    plan = budget.plan(CallTime(opening=1.0, transfer=0.01, channels=2), cycles=None)
+    assert budget.begin(rules[0]) and not budget.begin_again(rules[0])
+    budget.parts["range"] = "3 of 600 levels"
+    now = 99.0 - plan.full
+    assert not budget.begin_again(rules[0])
+    now -= 4.0
+    assert budget.begin_again(rules[0]) and not budget.parts
 
 
 def test_what_measures_memory_leaves_time_for_its_rounds() -> None:

@@ -37,6 +37,8 @@ class TextLink:
         """True if the device has answered a look on this connection."""
         self._is_known_idle = False
         """True if it is known that no unrequested data have arrived since the last look."""
+        self._is_under_way = False
+        """True while a request is sent and answered. It stays True if Ctrl-C ends this: the answer may come late."""
         self._boots = True
         self._failures = 0
         """The number of connections that were dropped in succession."""
@@ -47,6 +49,8 @@ class TextLink:
     def begin(self, timeout: float) -> None:
         """Begin one call of the driver, which ends within `timeout` s: connect if needed, and discard leftover data."""
         self._timeout, self._deadline = timeout, monotonic() + timeout
+        if self._is_under_way:
+            self.close()
         if self._ready and self._stream is not None:
             self._failures = 0  # any failure would have dropped the connection
             if not self._stream.idle():
@@ -62,7 +66,7 @@ class TextLink:
     def close(self) -> None:
         if self._stream is not None:
             self._stream.close()
-        self._stream, self._ready, self._was_found = None, False, False
+        self._stream, self._ready, self._was_found, self._is_under_way = None, False, False, False
         self._data.clear()
         self._search.stop()
 
@@ -89,8 +93,10 @@ class TextLink:
 
     def ask(self, request: str, ends: Ends = DRIVERS_ENDS) -> str:
         """Send a query, and return the device's answer. Raises NoValue if it is one of the error answers."""
+        self._is_under_way = True
         self._send(request, ends)
         line = self._line(request)
+        self._is_under_way = False
         if self._data and not self._skips(self._data):
             raise self._unasked()
         if self.errors:
@@ -110,7 +116,9 @@ class TextLink:
             if acknowledge.match(line) is None:
                 self._must_be(acknowledge, request, line)
         else:
+            self._is_under_way = True
             self._send(request, ends)
+            self._is_under_way = False
         if confirm is not None:
             try:
                 self._must_be(confirm.answer, confirm.ask, self.ask(confirm.ask, confirm.ends))

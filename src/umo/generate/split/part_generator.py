@@ -32,7 +32,7 @@ def part_files(
 ) -> dict[str, str]:
     """Return the files by name, for the controller of this name in the wiring. Raises NotTranslated, which lists all
     obstacles. No device is opened."""
-    wired = resolve(root, wiring)
+    wired = resolve(root, wiring, to_run=False)
     path = next((each for each, driver in wired.controllers.items() if driver == name), None)
     if path is None:
         known = list(wired.controllers.values())

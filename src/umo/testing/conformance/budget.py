@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import monotonic
 
 from umo.duration import duration, lasting
 from umo.testing.conformance.rules import ALWAYS, LINE, NOTHING, Cost, Rule
+from umo.text import count_of
 
 LATE_SHARE, LATE_TIME = 0.1, 5.0
 """Share of the budget, and time in s, by which a rule may take longer than planned before it is cut short."""
@@ -17,8 +18,9 @@ SAFETY_FACTOR = 1.15
 """Factor by which times that were measured from a few calls are multiplied. It is the accuracy of such times."""
 LONG_RUN_TRANSFERS = 70_000
 """Number of transfers in the long run. It is larger than the range of a 16-bit number."""
-SPARE_SHARE = 0.3
-"""Share of the spare time for a rule that can use it."""
+SPARE_SHARE, LARGEST_SPARE_SHARE = 0.3, 0.9
+"""Share of the spare time for a rule that can use it: the usual one, and the largest one, for a rule before others that
+cannot use the rest."""
 SPARE_SHARES = {"long run": 0.9, "memory": 0.5}
 """Shares of the spare time for the last rules."""
 
@@ -77,16 +79,23 @@ class TimePlan:
 
     def __str__(self) -> str:
         text = (
-            f"a transfer takes {duration(round(self.pace.transfer, 6))}: about {lasting(min(self.full, self.budget))} "
+            f"a transfer takes {duration(round(self.pace.transfer, 6))}: up to {lasting(min(self.full, self.budget))} "
             f"of the {lasting(self.budget)} that are allowed"
         )
         if self.left_out:
             enough = lasting(sum(self.least.values()))
-            text += f". Of {len(self.least)} rules {len(self.left_out)} will not fit ({enough} would be enough): "
+            rules = count_of(len(self.least), "rule")
+            text += f". Of {rules} {len(self.left_out)} will not fit ({enough} would be enough): "
             text += ", ".join(self.left_out)
         elif self.full > self.budget:
             text += f"; all rules would take {lasting(self.full)}"
         return f"{text}. If time runs short, the kit first leaves out transfers of the long run, levels and openings"
+
+
+def _more_of(cost: Cost, line: bool) -> Cost:
+    """Return the cost of the optional part of a rule. Without a line between driver and device nothing in it waits."""
+    more = cost.more or NOTHING
+    return more if line else replace(more, waits=0, sleeps=0)
 
 
 class Budget:
@@ -98,6 +107,8 @@ class Budget:
         self._seconds = seconds
         self._rules = rules
         self._least: dict[str, float] = {rule.id: 0.0 for rule in rules}
+        self._shown: dict[str, float] = dict(self._least)
+        """Time in s of each rule with all its optional parts."""
         self._until = self._end
         self._unpromised: frozenset[str] = frozenset()
         """Rules that will not fit, as the plan says."""
@@ -105,23 +116,23 @@ class Budget:
         """Time in s for the rules that are tried at any rate, and for the end."""
         self.left_out: list[str] = []
         """Rules that did not fit."""
-        self.parts: list[str] = []
-        """Parts of rules that were left out, as text."""
+        self.parts: dict[str, str] = {}
+        """Parts that were left out, as text, by the rule."""
 
     def plan(self, pace: CallTime, cycles: int | None, line: bool = True) -> TimePlan:
         """Make and return the plan of the run. Its time begins now. `cycles`: number of cycles of the long run; None
         means as many as the long run can use. `line`: True if there is a line between driver and device that the kit
         can disturb."""
-        transfer, shown = pace.transfer * SAFETY_FACTOR, {}
+        transfer = pace.transfer * SAFETY_FACTOR
         for rule in self._rules:
             cost = rule.cost if line or rule.theme not in LINE else NOTHING
             self._least[rule.id] = pace.of(cost) if rule.theme != ALWAYS else 0.0
-            more = transfer * (LONG_RUN_TRANSFERS if rule.id == "long run" else cost.more * pace.channels)
+            more = transfer * LONG_RUN_TRANSFERS if rule.id == "long run" else pace.of(_more_of(cost, line))
             most = more if cycles is None else min(more, cycles * transfer * pace.channels)
-            shown[rule.id] = self._least[rule.id] + most
+            self._shown[rule.id] = self._least[rule.id] + most
         self._kept = sum(pace.of(rule.cost) for rule in self._rules if rule.theme == ALWAYS)
         self._kept += FINAL_SHARE * self._seconds
-        plan = TimePlan(pace, max(0.0, self._left), dict(self._least), shown)
+        plan = TimePlan(pace, max(0.0, self._left), dict(self._least), dict(self._shown))
         self._unpromised = frozenset(plan.left_out)
         return plan
 
@@ -142,8 +153,19 @@ class Budget:
             self.left_out.append(rule.id)
             return False
         spare = max(0.0, left - least - sum(self._least[each] for each in behind))
+        unused = left - least - sum(self._shown[each] for each in behind)
         share = SPARE_SHARES.get(rule.id, SPARE_SHARE)
-        self._until = self.clock() + least + share * spare
+        self._until = self.clock() + least + max(share * spare, min(unused, LARGEST_SPARE_SHARE * spare))
+        return True
+
+    def begin_again(self, rule: Rule) -> bool:
+        """Return True if the rule, or a part of it, was left out, and the whole rule fits into the time that remains
+        after the other rules. Then `more` refers to this rule."""
+        if rule.id not in (*self.left_out, *self.parts) or self._left < self._shown[rule.id]:
+            return False
+        self.left_out = [each for each in self.left_out if each != rule.id]
+        self.parts.pop(rule.id, None)
+        self._until = self.clock() + self._left
         return True
 
     @property

@@ -17,7 +17,7 @@ from rich.text import Text
 from umo.duration import duration
 from umo.system.packages import umo_version
 from umo.testing.conformance.rules import LINE
-from umo.text import in_brackets, some
+from umo.text import count_of, in_brackets, some
 
 TABLE_WIDTH = 140
 
@@ -126,7 +126,8 @@ class Certificate:
     def summary(self) -> str:
         """The result in one line."""
         counts = [(sum(each.verdict is verdict for each in self.findings), verdict.value) for verdict in Judgement]
-        return f"{self.name}: {self.status}; {', '.join(f'{count} rules {what}' for count, what in counts)}"
+        words = ", ".join(f"{count_of(count, 'rule')} {what}" for count, what in counts)
+        return f"{self.name}: {self.status}; {words}"
 
     def table(self) -> Table:
         """Return the table for a rich console."""

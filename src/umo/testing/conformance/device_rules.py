@@ -82,7 +82,7 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, man
         context.expect(probe, output, output.default, f"{call} after a write without an answer")
 
 
-@rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=10))
+@rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=Cost(opens=0, each=10)))
 def vanish(context: RuleContext) -> str | None:
     """While the device is away, each call fails in time, and not with ChannelsFailed, which says that the device
     answers. When the device is back, the next call works, however many
@@ -325,7 +325,7 @@ def _join(context: RuleContext, second: Probe) -> None:
     context.use(second)
 
 
-@rule(Cost(opens=2, each=10, calls=26, settles=8, more=160))
+@rule(Cost(opens=2, each=10, calls=26, settles=8, more=Cost(opens=0, each=160)))
 def fresh(context: RuleContext) -> str | None:
     """A reading belongs to the call that returns it, not to an earlier call."""
     # Another driver moves an input; the first has read it before. Only where that level has come for sure

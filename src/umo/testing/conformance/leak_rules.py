@@ -67,7 +67,11 @@ PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50
 """The memory that each lost connection may leave behind at most. Connections are rarely lost."""
 
 
-@rule(Cost(opens=16, each=12, calls=115, connects=54, waits=18, sleeps=0.6, more=600))
+MORE_OPENINGS = Cost(opens=97, calls=3000, connects=400, waits=400)
+"""Calls of the openings beyond the smallest number, for a driver that waits for its timeout after a wrong answer."""
+
+
+@rule(Cost(opens=16, each=12, calls=115, connects=54, waits=18, sleeps=0.6, more=MORE_OPENINGS))
 def descriptors(context: RuleContext) -> str:
     """No additional descriptor stays open and no additional thread stays alive after many openings, lost connections,
     looks, error answers, garbled answers, and calls without an answer, nor after a `close` that fails or ends a look.
@@ -292,7 +296,11 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
         raise RuleBroken(f"a cycle has become slower: {took}")
 
 
-@rule(Cost(opens=3, calls=560, connects=13, sleeps=0.5, more=2000))
+MORE_ROUNDS = Cost(opens=0, each=2000, sleeps=8)
+"""Further calls of the rounds, and the usual time in s of those over lost connections and without a device."""
+
+
+@rule(Cost(opens=3, calls=560, connects=13, sleeps=0.5, more=MORE_ROUNDS))
 def memory(context: RuleContext) -> str:
     """Without the garbage collector, Python's memory does not grow over many transfers, alone and as blocks, nor over
     failed calls, lost connections, or looks for a device that is away."""

@@ -114,7 +114,7 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
     return max(shares)
 
 
-@rule(Cost(opens=6, calls=35, connects=6, more=10))
+@rule(Cost(opens=6, calls=35, connects=6, more=Cost(opens=0, each=10)))
 def interrupt(context: RuleContext) -> str | None:
     """Ctrl-C ends a call that waits, and KeyboardInterrupt is not turned into another exception. The driver can be used
     after that, because the outputs are then reset. It does not take a late answer to the interrupted call for the

@@ -37,8 +37,8 @@ class Cost:
     """Number of calls that reconnect after a lost connection."""
     waits: float = 0
     """Number of calls that wait for their timeout."""
-    more: float = 0
-    """Number of transfers of each channel, beyond `each`, that are made if there is time."""
+    more: Cost | None = None
+    """The largest number of further calls, which are made if there is time."""
     settles: float = 0
     """Number of times that the rule waits for a level to come through a loop-back, for each output that has one."""
     sleeps: float = 0

@@ -102,7 +102,7 @@ class _Examination:
 
     def __init__(self, context: RuleContext, rules: Sequence[Rule], progress: OnProgress | None) -> None:
         self.context, self.rules, self.progress = context, rules, progress
-        self.findings: list[Finding] = []
+        self._found: dict[str, Finding] = {}
         self.causes: dict[str, str] = {}
         """Rules that were already broken, by the cause."""
         self.hangs = ""
@@ -129,9 +129,24 @@ class _Examination:
         if on_plan is not None:
             on_plan(plan)
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The findings in the order of the rules."""
+        return tuple(self._found[rule.id] for rule in self.rules)
+
     def run(self) -> None:
-        for number, rule in enumerate(self.rules):
-            self.findings.append(self._finding(number, rule))
+        """Try the rules in their order. Those that were left out or shortened to save time are tried again before the
+        general rules, as far as time remains."""
+        chosen = [(number, rule) for number, rule in enumerate(self.rules) if rule.theme != ALWAYS]
+        general = [(number, rule) for number, rule in enumerate(self.rules) if rule.theme == ALWAYS]
+        for number, rule in chosen:
+            self._found[rule.id] = self._finding(number, rule)
+        for _, rule in chosen:
+            unbroken = self._found[rule.id].verdict is not Judgement.FAILED
+            if unbroken and not self.ended and self.context.budget.begin_again(rule):
+                self._found[rule.id] = self._tried(chosen[-1][0], rule)
+        for number, rule in general:
+            self._found[rule.id] = self._finding(number, rule)
 
     def _finding(self, number: int, rule: Rule) -> Finding:
         general = rule.theme == ALWAYS
@@ -139,6 +154,10 @@ class _Examination:
             return _finding_on(rule, Judgement.NOT_TRIED, self.ended)
         if not general and not self.context.budget.begin(rule):
             return _finding_on(rule, Judgement.NOT_TRIED, TIME_UP)
+        return self._tried(number, rule)
+
+    def _tried(self, number: int, rule: Rule) -> Finding:
+        """Try a rule. `number`: the place in the progress of the run."""
         part = self._part(number, rule)
         part(0.0)
         try:
@@ -188,7 +207,7 @@ def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
         verdict, remark = Judgement.PASSED, rule.check(context)
         why = "; ".join(filter(None, [remark, *dict.fromkeys(context.excuses), *context.left_out]))
         if context.left_out:
-            context.budget.parts.append(f"{rule.id}: {'; '.join(context.left_out)}")
+            context.budget.parts[rule.id] = "; ".join(context.left_out)
     except TimeUp:  # its calls took longer than planned
         verdict, why = Judgement.NOT_TRIED, TIME_UP
         context.budget.left_out.append(rule.id)
@@ -289,6 +308,9 @@ def _certificate(
         findings=tuple(findings),
         times=context.times,
         unreached=unreached,
-        left_out=(*(f"the rule {rule}" for rule in context.budget.left_out), *context.budget.parts),
+        left_out=(
+            *(f"the rule {rule}" for rule in context.budget.left_out),
+            *(f"{rule}: {parts}" for rule, parts in context.budget.parts.items()),
+        ),
         **edition(),
     )

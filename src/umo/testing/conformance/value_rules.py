@@ -105,7 +105,7 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
     return kinds
 
 
-@rule(Cost(each=7, calls=10, more=600))
+@rule(Cost(each=7, calls=10, more=Cost(opens=0, each=600)))
 def range_(context: RuleContext) -> str | None:
     """An output takes every raw level of its range exactly, and the same level is read back. The rule tests both ends,
     powers of two and their neighbours, and every value of each byte."""
@@ -119,7 +119,7 @@ def range_(context: RuleContext) -> str | None:
     return context.remark()
 
 
-@rule(Cost(each=6, calls=18, more=18))
+@rule(Cost(each=6, calls=18, more=Cost(opens=0, each=18)))
 def one_beyond(context: RuleContext) -> str | None:
     """A write of a raw level beyond the channel's bits is refused by an OSError, and changes nothing."""
     # Outputs are tried where a driver that clamps or wraps would not leave the range that may be driven
