@@ -10,14 +10,14 @@ import pytest
 
 from helpers import process_box
 from helpers.runs import Run
-from umo_command.do import stopping
+from umo_command.do import stop_run
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of a run need Linux")
 
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stopping, "PATIENCE", 0.0)
+    monkeypatch.setattr(stop_run, "PATIENCE", 0.0)
 
 
 def run_whose_valve_fails(tmp_path: Path, **process: Any) -> Run:
@@ -43,7 +43,7 @@ def test_it_waits_until_a_device_that_comes_back_has_been_reset(
         told.append((text, umo("show", "stations").stdout))
         (tmp_path / "box.repaired").touch()
 
-    monkeypatch.setattr(stopping, "say", repaired)
+    monkeypatch.setattr(stop_run, "say", repaired)
     stopped = umo("do", str(run.control), "stop")
     assert (stopped.exit_code, run.outcome().unreached) == (0, [])
     ((text, stations),) = told

@@ -23,7 +23,7 @@ from umo_command.do.commanding import (
     station_of,
     tune,
 )
-from umo_command.do.stopping import stop
+from umo_command.do.stop_run import stop
 from umo_command.show.stations import attach, readers
 
 

@@ -12,6 +12,7 @@ from umo.exit_status import ExitStatus
 from umo.system.device_lock import is_held
 from umo.system.device_record import INSPECT, Ended, standing
 from umo.system.processes import user_name
+from umo.system.streams import limit_waits
 from umo.text import printable, some
 from umo_command.console import err, out, say
 from umo_command.show.stations import attach, how_ended
@@ -25,6 +26,7 @@ PATIENCE = 0.5
 def stop(name: str) -> int:
     """Stop a run, wait until its processes have released its devices, and print how it ended. Return the exit status:
     `UNREACHED` if an actuator may not be at its default."""
+    limit_waits()
     with RemoteStation(attach(name)) as station:
         about = station.reader.about
         title, devices = printable(str(about["station"])), [str(each) for each in about["devices"]]
