@@ -326,8 +326,7 @@ def text_of(error: BaseException) -> str:
 def text_later(error: BaseException, *, placed: bool = False) -> Callable[[], str]:
     """Return a function that makes the text of an exception later, because making the text calls the user's code
     (`__str__`), which may be slow. The place is determined now, so that the error may lose its frames before the text
-    is made. `placed`: the text of a mistake that umo has found, such as a value that is not finite, has its place too;
-    failures of devices and of tasks explain themselves."""
+    is made. `placed`: add the place of the code also to errors of umo, except DriverError and TaskFailed."""
     return partial(_text_of, error, raised_at(error), placed)
 
 

@@ -47,5 +47,21 @@ def test_it_waits_until_a_device_that_comes_back_has_been_reset(
     stopped = umo("do", str(run.control), "stop")
     assert (stopped.exit_code, run.outcome().unreached) == (0, [])
     ((text, stations),) = told
-    assert "not all actuators are at their defaults yet; umo tries again to reach file " in text
-    assert "box: the run begins, or its actuators are being brought to their defaults" in " ".join(stations.split())
+    assert f"its devices are still in use: file {tmp_path / 'box'}; this command waits until they are released" in text
+    assert f"file {tmp_path / 'box'} is used by pid {run.control} of " in " ".join(stations.split())
+
+
+def test_a_run_is_stopped_although_its_records_cannot_be_read(
+    umo: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+
+    def unreadable(about: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(stop_run, "left_by", unreadable)
+    stopped = umo("do", str(run.control), "stop")
+    assert (stopped.exit_code, run.outcome().unreached) == (3, [])
+    assert "not known whether its actuators are at their defaults: permission denied" in " ".join(
+        stopped.stderr.split()
+    )

@@ -308,8 +308,10 @@ def test_an_interlock_that_begins_often_is_logged_three_times_and_is_an_event_ea
         assert sum(event.text.startswith("inhibited") for event in connection.machine.events) == 5
         lines = [text for text in caplog.messages if text.startswith("ram inhibited")]
         assert len(lines) == logged
-        again = "further beginnings of the interlock 'no part' are in the events only; lines follow again when it has "
-        assert (f"{again}not begun for 600 s" in caplog.messages) is not latched
+        further = (
+            "interlock 'no part': its further beginnings are events without a line, until it has not begun for 10 min"
+        )
+        assert (further in caplog.messages) is not latched
 
 
 def test_the_beginnings_of_an_interlock_are_counted_anew_after_a_pause() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -17,6 +18,7 @@ from umo.cycle.journal import Journal, Kind
 from umo.cycle.phase_times import PhaseTimes
 from umo.drivers import ChannelsFailed, DeviceTimeout, Driver, DriverError, Looks
 from umo.drivers.absence import LONG_ABSENCE
+from umo.errors import text_of
 from umo.states import OnOff
 from umo.testing import Scripted, periods
 
@@ -379,8 +381,14 @@ def test_the_absence_is_told_once_and_its_end_with_its_duration(caplog: pytest.L
         assert [record.message for record in caplog.records] == events(connection)
 
 
-@pytest.mark.parametrize("kind", [Box, Blind, WithoutBlocks])
-@pytest.mark.parametrize("cause", [OSError("busy"), DeviceTimeout("no answer")])
+@pytest.mark.parametrize(
+    ("kind", "cause"),
+    [
+        *((kind, cause) for kind in (Box, Blind) for cause in (OSError("busy"), DeviceTimeout("no answer"))),
+        (WithoutBlocks, ConnectionRefusedError("connection refused")),
+        (WithoutBlocks, OSError(errno.ENODEV, "no such device")),
+    ],
+)
 def test_an_absence_is_told_once_it_has_lasted(kind: type[Box], cause: OSError) -> None:
     box, m = kind(), held()
     with running(m, box) as connection:
@@ -389,7 +397,18 @@ def test_an_absence_is_told_once_it_has_lasted(kind: type[Box], cause: OSError) 
         run(m, LONG_ABSENCE)
         assert events(connection) == []
         periods(m, 2)
-        assert events(connection) == [f"driver box is away: {cause}"]
+        assert events(connection) == [f"driver box is away: {text_of(cause)}"]
+
+
+def test_a_device_that_answers_each_channel_with_an_error_is_not_away() -> None:
+    box, m = WithoutBlocks(), held()
+    with running(m, box) as connection:
+        periods(m)
+        since = len(box.calls)
+        box.broken = DriverError("local mode: refused")
+        run(m, 2 * LONG_ABSENCE)
+        assert (box.looks, events(connection)) == ([], [])
+        assert set(calls(box, since)) == {"read", "write"}
 
 
 @given(st.sampled_from([Box, Blind]), st.booleans(), st.integers(1, 120), st.integers(1, 3))

@@ -24,6 +24,7 @@ from umo.drivers.optional import (
     short_form_of,
 )
 from umo.drivers.simulated import Simulated
+from umo.drivers.streams import Lost
 from umo.drivers.wrapping import Wrapper, bare
 from umo.errors import ChannelsFailed, DeclarationError, DeviceTimeout, DriverError, WiringError
 from umo.testing import Scripted
@@ -152,26 +153,39 @@ def test_the_timeout_of_single_transfers_that_are_quick_is_not_touched(monkeypat
 
 def test_a_reading_that_is_no_integer_is_not_truncated():
     driver = Scripted({"0": 2.5})
-    with pytest.raises(DriverError, match=r"^the reading of channel 0 is 2.5 \(float\): a whole number is"):
+    with pytest.raises(ChannelsFailed, match=r"^0: the reading of channel 0 is 2.5 \(float\): a whole number is"):
         Driver.read_many(driver, CHANNELS[:1], np.zeros(1, np.int64))
 
 
 @pytest.mark.parametrize("many", ["read_many", "write_many"])
 @pytest.mark.parametrize(
     ("texts", "told"),
-    [(("refused", "refused"), "refused"), (("refused", "unplugged"), "0: refused and 1: unplugged")],
+    [(("refused", "refused"), "refused"), (("refused", "reset"), "refused and reset")],
 )
-def test_if_every_channel_fails_it_is_not_said_that_the_device_transferred_others(many, texts, told):
+def test_if_no_channel_has_reached_the_device_it_is_not_said_that_the_device_answers(many, texts, told):
     class Refuses(Least):
         def read(self, channel):
-            raise OSError(texts[int(channel.text)])
+            raise ConnectionError(texts[int(channel.text)])
 
         def write(self, channel, raw):
-            raise OSError(texts[int(channel.text)])
+            try:
+                raise Lost(texts[int(channel.text)])
+            except Lost as error:
+                raise DriverError(str(error)) from None
 
     with pytest.raises(DriverError) as caught:
         getattr(Refuses(), many)(CHANNELS[:2], np.zeros(2, np.int64))
     assert (type(caught.value), str(caught.value)) == (DriverError, told)
+
+
+def test_a_device_that_refuses_every_channel_has_answered():
+    class Refuses(Least):
+        def read(self, channel):
+            raise DriverError("local mode")
+
+    with pytest.raises(ChannelsFailed) as caught:
+        Refuses().read_many(CHANNELS[:2], np.zeros(2, np.int64))
+    assert caught.value.causes == {"0": "local mode", "1": "local mode"}
 
 
 def test_a_reading_that_is_no_integer_fails_for_its_channel_with_the_place_of_read():

@@ -24,6 +24,7 @@ from umo.errors import AcknowledgeRequired, DeviceHeld
 from umo.system.device_lock import DeviceLock, holder, is_held
 from umo.system.device_record import all_standing, standing
 from umo.testing import Scripted, periods
+from umo.wiring import resolve
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
 
@@ -288,6 +289,9 @@ def test_a_timer_in_virtual_time_is_refused_beside_hardware(device: str) -> None
     (fault,) = caught.value.mistakes
     assert fault.key == 'wire."timer".driver'
     assert umo.check(machine, wiring) == []  # it runs with --realtime
+    resolved = resolve(machine, wiring, to_run=False)
+    with pytest.raises(WiringError, match=refused), connect(machine, resolved):
+        pytest.fail("it was connected")
 
 
 @pytest.mark.parametrize("error", [KeyError("port"), SystemExit(0)])

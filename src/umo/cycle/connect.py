@@ -26,7 +26,7 @@ from umo.cycle.sequences import error_of
 from umo.cycle.stopping import StopFlag, end_forked
 from umo.drivers.optional import EndsWait
 from umo.drivers.wrapping import bare
-from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
+from umo.errors import DeclarationError, DriverError, Failure, StopError, WiringError, text_of
 from umo.objects import Compound
 from umo.objects.compound import check_machine
 from umo.objects.description import html_of
@@ -153,6 +153,8 @@ class connect(Generic[C]):
         given = self._wiring
         if isinstance(given, Wired):
             distribute_options(self._options, wiring={})  # it has its options
+            if given.mixed_times:
+                raise WiringError(f"{given.mixed_times}: this wiring runs with --realtime only")
             self.wired = given
         else:
             self.wired = resolve(self.root, given, distribute_options(self._options, wiring=given).wiring)

@@ -14,6 +14,7 @@ from umo.cycle.inhibition import QUIET_TIME, Inhibition
 from umo.cycle.journal import Kind
 from umo.cycle.to_defaults import ToDefault
 from umo.drivers.contract import Direction
+from umo.duration import lasting
 from umo.objects import Atomic
 from umo.objects.claims import Rank
 
@@ -134,8 +135,8 @@ def _inhibited(now: float, items: Sequence[Atomic], slots: Sequence[int], what: 
 
 
 def _further(reason: str) -> str:
-    again = f"lines follow again when it has not begun for {QUIET_TIME:g} s"
-    return f"further beginnings of the interlock {reason!r} are in the events only; {again}"
+    until = f"until it has not begun for {lasting(QUIET_TIME)}"
+    return f"interlock {reason!r}: its further beginnings are events without a line, {until}"
 
 
 def _commands_expired(now: float, items: Sequence[Atomic], slots: Sequence[int], expires: float) -> Event:

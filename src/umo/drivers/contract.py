@@ -16,6 +16,7 @@ import numpy.typing as npt
 from typing_extensions import TypeVar
 
 from umo.drivers.optional import check_named
+from umo.drivers.unreached import is_unreached
 from umo.errors import ChannelsFailed, DriverError, text_of
 from umo.text import cut_repr, in_brackets, is_own, shown_place, some
 from umo.user_code import check_overrides, definition, incomplete
@@ -253,9 +254,9 @@ def not_whole(driver: Driver[Any], channel: Channel, reading: object) -> DriverE
 
 def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[int, C], None]) -> None:
     """Transfer a block channel by channel within the block's timeout. Each transfer gets the remaining time, but at
-    least `LEAST_SHARE` of the timeout. Raises ChannelsFailed with the channels that failed without a timeout, if
-    another channel was transferred. If none was, it is not known whether the device answers: the error of the channels
-    is raised, or a DriverError that names them if their errors differ."""
+    least `LEAST_SHARE` of the timeout. Raises ChannelsFailed with the channels that failed without a timeout, or a
+    plain DriverError if no channel has reached the device (`is_unreached`)."""
+    unreached = 0
     failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
     timeout, began = driver.timeout, monotonic()
     quick = began + QUICK_SHARE * timeout
@@ -269,10 +270,10 @@ def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[in
                 raise
             except OSError as error:
                 failed[channel.text] = text_of(error)
+                unreached += is_unreached(error)
     finally:
         driver.timeout = timeout
-    if failed and len(failed) < len(channels):
-        raise ChannelsFailed(failed)
+    if failed and unreached == len(channels):
+        raise DriverError(some(list(dict.fromkeys(failed.values()))))
     if failed:
-        same = set(failed.values())
-        raise DriverError(same.pop() if len(same) == 1 else some([f"{each}: {why}" for each, why in failed.items()]))
+        raise ChannelsFailed(failed)

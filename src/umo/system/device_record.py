@@ -15,7 +15,7 @@ import os
 import secrets
 import stat
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -204,6 +204,15 @@ def standing(device: str) -> list[Ended]:
     mine = _own(device)
     seen = [] if mine is None else mine.seen
     return [ended for ended in _all(_file(device)) if ended.state != "ended" and (ended.mine or ended.id not in seen)]
+
+
+def left_by(about: Mapping[str, Any]) -> list[Ended]:
+    """Return the records that the run with these facts, and not a later run, has on its devices: `running` while it has
+    them, and `stopped` after an unsafe end. Empty after a safe end. Raises OSError if the records cannot be read."""
+    station, started = about.get("station"), float(about.get("started", 0.0))
+    found = [ended for device in about.get("devices", ()) for ended in standing(str(device))]
+    own = [ended for ended in found if ended.station == station and ended.began <= started]
+    return [ended for ended in own if ended.state == "running" or started <= ended.when]
 
 
 def all_standing() -> list[Ended]:

@@ -290,8 +290,8 @@ class Wired:
 
     @property
     def mixed_times(self) -> str:
-        """What runs in virtual time together with hardware, as text. Such a wiring runs with the option `realtime`
-        only, because virtual time runs as fast as possible. Empty if nothing does."""
+        """The reason why this wiring runs with the option `realtime` only: its timer runs in virtual time, which is as
+        fast as possible, and it has hardware. Empty otherwise."""
         if self.timer_wire is None or self.period is None or not self.hardware or self.realtime:
             return ""
         timer = self.texts_of([self.timer_wire])[0].partition(":")[0]

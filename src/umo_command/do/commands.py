@@ -61,7 +61,8 @@ def do(
     unsafely, no other run can use its devices. `acknowledge` with the name of the station or device allows the next
     run. Inspect the machine first.
 
-    `stop` waits until the actuators are at their defaults, or until umo has given up a device that does not answer.
+    `stop` waits until the actuators on devices of this computer are at their defaults, or until umo has given up a
+    device that does not answer.
 
     For the examples, start `umo run ztheta --manual` in another terminal, which ends with status 143 after `stop`.
     """

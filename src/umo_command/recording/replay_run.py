@@ -88,7 +88,9 @@ def _replay(tape: Tape, file: Path, code: CodeGiven, settings: Mapping[str, obje
     replay = Replay(tape, Program.of(tape, code), settings)
     curves = RawCurves(replay)
     with OneLine(err) as line:
-        lines, faults = EventLines(line.note, Mode.MANUAL if replay.program.manual else Mode.AUTOMATIC), FaultLog()
+        mode = Mode.MANUAL if replay.program.manual else Mode.AUTOMATIC
+        lines = EventLines(line.note, mode, clock=lambda: replay.connection.machine.clock.now)
+        faults = FaultLog()
 
         def add_events(frame: object = None) -> None:
             for event in faults.add_new(replay.connection.machine.events):

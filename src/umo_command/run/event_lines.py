@@ -27,12 +27,13 @@ class EventLines:
     def __init__(
         self, show: Callable[[float, str], None], mode: Mode, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """`show` prints a time in s on the machine's clock, and a text. `mode`: the mode at the beginning."""
+        """`show` prints a time in s on the machine's clock, and a text. `mode`: the mode at the beginning. `clock`: the
+        clock in s by which the lines of a second are counted."""
         self._show, self._clock = show, clock
         self._mode = mode_command(mode)
         """The last command that changed the mode."""
         self._end = -inf
-        """Time on the wall clock at which the present second ends."""
+        """Time at which the present second ends."""
         self._shown = self._left_out = 0
         """Number of lines in the present second, and of changes without a line."""
         self._time = 0.0

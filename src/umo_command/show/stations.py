@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from rich.table import Table
@@ -17,7 +17,7 @@ from umo.objects.presentation.run_facts import ALARMS, FREE, IN_FAULT, fault_tex
 from umo.process.frames import Reader, RunReader, search
 from umo.process.frames.run_reader import progress_of
 from umo.process.source_files import changed_files, changed_text
-from umo.system.device_lock import is_held
+from umo.system.device_lock import holder, is_held
 from umo.system.device_record import Ended, all_standing
 from umo.text import count_of, printable, some
 from umo.wiring.patterns import chosen
@@ -34,13 +34,16 @@ CHANGED = "changed"
 def show_stations(as_json: bool = False) -> None:
     unread: list[str] = []
     found = list(_lines(unread.append))
-    stopped, silent = standing(), _silent({data["station"] for data, _ in found if data["state"] != str(Stage.ENDED)})
+    stopped, unseen = (
+        standing(),
+        _unseen(device for data, _ in found if data["state"] != str(Stage.ENDED) for device in data["devices"]),
+    )
     for text in unread:
         say(text)
     if as_json:
         listed = {
             "running": [data for data, _ in found],
-            "uncontrolled": [vars(held) for held in silent],
+            "unseen": unseen,
             "stopped": [vars(ended) for ended in stopped],
         }
         out.print_json(json.dumps(listed), ensure_ascii=True)
@@ -51,9 +54,9 @@ def show_stations(as_json: bool = False) -> None:
             _remark(data, facts, [each["station"] for each, _ in found].count(data["station"]) > 1)
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
-    for held in silent:
-        what = "the run begins, or its actuators are being brought to their defaults"
-        out.print(printable(f"{held.station} uses {held.device}: {what}"), soft_wrap=True, markup=False)
+    for device, user in unseen.items():
+        what = "which shows no values: a program, a run of another user, or a run that begins or ends"
+        out.print(f"{printable(device)} is used by {user}, {what}", soft_wrap=True, markup=False)
     if found and len(stopped) > MAX_STOPPED:
         listing = "`umo show stations --json` lists them"
         out.print(f"must be acknowledged: {count_of(len(stopped), 'machine')}; {listing}", soft_wrap=True)
@@ -160,13 +163,11 @@ def standing() -> list[Ended]:
     return sorted(found, key=lambda ended: ended.when, reverse=True)
 
 
-def _silent(shown: Collection[str]) -> list[Ended]:
-    """Return the records of runs that hold a device and are not under control. `shown`: the stations that are."""
-    return [
-        each
-        for each in all_standing()
-        if each.state == "running" and each.station not in shown and is_held(each.device)
-    ]
+def _unseen(shown: Iterable[str]) -> dict[str, str]:
+    """Return the devices that are in use and belong to none of the runs that are shown, each with its user. `shown`:
+    the devices of these runs."""
+    used = {ended.device for ended in all_standing() if ended.state == "running" and is_held(ended.device)}
+    return {device: holder(device) for device in sorted(used.difference(shown))}
 
 
 def _told(reader: RunReader) -> tuple[dict[str, Any], dict[str, str]]:
@@ -176,6 +177,7 @@ def _told(reader: RunReader) -> tuple[dict[str, Any], dict[str, str]]:
         "station": about["station"],
         "wiring": about["wiring"],
         "pid": about["pid"],
+        "devices": list(about["devices"]),
         "since": about["started"],
         "run_time_s": reader.lasted,
         "state": str(reader.state),

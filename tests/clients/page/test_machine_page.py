@@ -158,7 +158,7 @@ def test_nothing_moves_when_the_lease_is_taken_an_alarm_comes_and_a_command_is_a
         before = page.evaluate(boxes)
         assert not station.faults
         page.locator("[data-states='reactors.1.unit'] .state-name[data-state='aborted']").wait_for()
-        page.get_by_text("Alarms: 1 standing").wait_for()
+        page.get_by_text("Alarms: 1 (1 active").wait_for()
         assert page.evaluate(boxes) == before
         page.get_by_label("Your name").fill("Ann")
         page.get_by_role("button", name="Take control").click()

@@ -16,6 +16,7 @@ from pathlib import Path
 from random import Random
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
@@ -38,10 +39,11 @@ from umo.testing.conformance import (
     runner,
 )
 from umo.testing.conformance.budget import Budget, CallTime
+from umo.testing.conformance.certificate import Finding
 from umo.testing.conformance.closed_twice import Placeholders
 from umo.testing.conformance.leak_rules import _grows
 from umo.testing.conformance.level_rules import Witness
-from umo.testing.conformance.probe import failed
+from umo.testing.conformance.probe import NotingArray, failed
 from umo.testing.conformance.relay import Traffic
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Rule, RuleBroken, chosen_rules
@@ -57,6 +59,16 @@ def test_many_cycles_of_the_simulated_circuit_leave_nothing_behind() -> None:
 def test_a_rule_that_does_not_exist_is_an_error_that_names_the_nearest() -> None:
     with pytest.raises(ValueError, match=r"no rule 'blok write' \(did you mean 'block write'\?\); the rules are:"):
         conform(simulated(), only=["blok write"])
+
+
+def test_a_fraction_that_is_stored_is_noted_and_what_is_calculated_beside_it_is_not() -> None:
+    out = NotingArray.of(3)
+    beside = np.empty_like(out, dtype=float)
+    beside[:] = [1.2, 2.7, 3.0]
+    out[:] = np.rint(beside).astype(np.int64)
+    assert (out.tolist(), out.cut) == ([1, 3, 3], [])
+    out[1:][0] = 2.5
+    assert out.cut == ["values of type float64, such as 2.5"]
 
 
 def test_the_documentation_has_the_text_of_each_rule() -> None:
@@ -574,6 +586,24 @@ def test_what_was_left_out_is_tried_at_the_end_if_time_remains(monkeypatch: pyte
     assert [each.rule for each in certificate.findings] == ["range", "one beyond", "reset", "end"]
     assert certificate.finding("reset").verdict is Judgement.PASSED
     assert "levels" not in certificate.finding("range").why
+
+
+def test_what_passed_in_part_stays_so_if_the_time_is_over_in_its_second_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    right, tries = runner._tried, iter([1, 2])
+
+    def tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
+        found = right(context, rule, causes)
+        if next(tries) == 1:
+            context.budget.parts[rule.id] = "3 of 600 levels"
+            return found
+        context.budget.left_out.append(rule.id)
+        return replace(found, verdict=Judgement.NOT_TRIED)
+
+    monkeypatch.setattr(runner, "_tried", tried)
+    certificate = conform(simulated(), only=["range"])
+    assert certificate.finding("range").verdict is Judgement.PASSED
+    assert certificate.left_out == ("range: 3 of 600 levels",)
+    assert next(tries, None) is None
 
 
 def test_what_was_left_out_is_not_tried_again_if_it_does_not_fit() -> None:

@@ -12,7 +12,7 @@ from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError
 from umo.process.frames import Reader, blackbox
 from umo.process.frames.causes import explain_all, sentences
-from umo.system.device_record import Ended, standing
+from umo.system.device_record import Ended, left_by
 
 UNKNOWN_END = "the run ended without a report: all of its processes were killed"
 MAX_OCCASIONS = 3
@@ -84,7 +84,7 @@ def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> 
     reports the end. The function reads records, so call it in a thread. Call it again after a while, because the
     guardian may still be resetting the machine."""
     stands = _record(about)
-    if stands is not None and stands.state == "stopped":
+    if stands is not None:
         left = f"not reached: {', '.join(stands.unreached)}" if stands.unreached else "every actuator was reset"
         return Ending(True, f"{stands.what}; {left}")
     if last is not None:
@@ -95,11 +95,7 @@ def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> 
 
 
 def _record(about: Mapping[str, Any]) -> Ended | None:
-    """Return the record that this run, and not a later one, has left on its devices; None if the run ended safely."""
-    station, started = about.get("station"), float(about.get("started", 0.0))
+    """Return the record that this run has left on its devices; None if the run ended safely, or this is not known."""
     with suppress(OSError):
-        for device in about.get("devices", ()):
-            for ended in standing(str(device)):
-                if ended.mine and ended.station == station and ended.began <= started <= ended.when:
-                    return ended
+        return next((ended for ended in left_by(about) if ended.state == "stopped"), None)
     return None

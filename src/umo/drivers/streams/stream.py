@@ -11,13 +11,14 @@ from socket import socket
 from time import monotonic
 from typing import Protocol
 
+from umo.drivers.unreached import NotReached
 from umo.text import reason_of
 
 _MAX_RECEIVED = 4096
 """Largest number of bytes that are received at once."""
 
 
-class Lost(Exception):
+class Lost(NotReached):
     """The connection can no longer be used; the text gives the reason."""
 
 

@@ -74,7 +74,8 @@ class TextLink:
         """Return whether the device answers this query in any way, on a new connection and without waiting; without a
         query, whether a connection is possible. None if this is not known yet. Raises DriverError if the device does
         not answer now."""
-        if (self._ready or self._was_found) and self._stream is not None and self._stream.idle():
+        answered = (self._ready or self._was_found) and not self._is_under_way
+        if answered and self._stream is not None and self._stream.idle():
             return True  # it answered the last request: any failure would have dropped the connection
         try:
             if not self._search.under_way:

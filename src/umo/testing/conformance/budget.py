@@ -19,8 +19,7 @@ SAFETY_FACTOR = 1.15
 LONG_RUN_TRANSFERS = 70_000
 """Number of transfers in the long run. It is larger than the range of a 16-bit number."""
 SPARE_SHARE, LARGEST_SPARE_SHARE = 0.3, 0.9
-"""Share of the spare time for a rule that can use it: the usual one, and the largest one, for a rule before others that
-cannot use the rest."""
+"""The usual share of the spare time for a rule, and the largest share, if the rules after it cannot use all of it."""
 SPARE_SHARES = {"long run": 0.9, "memory": 0.5}
 """Shares of the spare time for the last rules."""
 

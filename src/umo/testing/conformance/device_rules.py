@@ -84,11 +84,11 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, man
 
 @rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=Cost(opens=0, each=10)))
 def vanish(context: RuleContext) -> str | None:
-    """While the device is away, each call fails in time, and not with ChannelsFailed, which says that the device
-    answers. When the device is back, the next call works, however many calls have failed. (If none has failed, the
-    first call may find the end of the connection.) Its reading is right, and failed writes are not repeated. A level
-    that was written before is written again if it is requested, alone and as a block, because the device may have lost
-    it."""
+    """While the device is away, each call fails in time. It does not raise ChannelsFailed, because that error says that
+    the device answers. When the device is back, the next call works, however many calls have failed. (If none has
+    failed, the first call may find the end of the connection.) Its reading is right, and failed writes are not
+    repeated. A level that was written before is written again if it is requested, alone and as a block, because the
+    device may have lost it."""
     loss = context.loss
     with context.opened() as probe:
         alone: list[DriverCall] = [partial(probe.read, text) for text in context.readable[:MAX_ALONE]]

@@ -36,7 +36,7 @@ class NotingArray(np.ndarray[Any, Any]):
 
     def __setitem__(self, place: Any, value: Any) -> None:
         array = np.asarray(value)
-        if array.size and array.dtype.kind not in "iub":
+        if self.dtype.kind in "iu" and array.size and array.dtype.kind not in "iub":
             self.cut.append(f"values of type {array.dtype}, such as {array.flat[0]}")
         super().__setitem__(place, value)
 

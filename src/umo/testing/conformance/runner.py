@@ -142,9 +142,8 @@ class _Examination:
         for number, rule in chosen:
             self._found[rule.id] = self._finding(number, rule)
         for _, rule in chosen:
-            unbroken = self._found[rule.id].verdict is not Judgement.FAILED
-            if unbroken and not self.ended and self.context.budget.begin_again(rule):
-                self._found[rule.id] = self._tried(chosen[-1][0], rule)
+            if self._found[rule.id].verdict is not Judgement.FAILED and not self.ended:
+                self._try_again(chosen[-1][0], rule)
         for number, rule in general:
             self._found[rule.id] = self._finding(number, rule)
 
@@ -155,6 +154,19 @@ class _Examination:
         if not general and not self.context.budget.begin(rule):
             return _finding_on(rule, Judgement.NOT_TRIED, TIME_UP)
         return self._tried(number, rule)
+
+    def _try_again(self, number: int, rule: Rule) -> None:
+        """Try a rule again of which something was left out. If the time is over before its end, the finding from before
+        stays."""
+        budget, before = self.context.budget, self._found[rule.id]
+        part = budget.parts.get(rule.id)
+        if not budget.begin_again(rule):
+            return
+        found = self._tried(number, rule)
+        if found.verdict is Judgement.NOT_TRIED and part is not None:
+            budget.left_out.remove(rule.id)
+            budget.parts[rule.id], found = part, before
+        self._found[rule.id] = found
 
     def _tried(self, number: int, rule: Rule) -> Finding:
         """Try a rule. `number`: the place in the progress of the run."""

@@ -81,8 +81,8 @@ def timeout(context: RuleContext) -> str | None:
 
 def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
     """Raise RuleBroken if a call of several requests succeeds without the last of its answers. A driver that sends
-    requests between its calls is not judged. An attempt that does not come to the last answer is repeated: the computer
-    may have been busy with something else."""
+    requests between its calls is not judged. An attempt in which the last answer was never due is repeated: the
+    computer may have been busy with something else."""
     for _ in range(TRIES):
         count = _answers_of_each(context, probe, call)
         if count == 1:
