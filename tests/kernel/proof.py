@@ -7,7 +7,8 @@ from umo.testing.conformance import Subject, conform
 CYCLES = 600
 """tracemalloc makes a cycle 100 times slower in the guest; test_gpio.py repeats 15,000 without it."""
 
-MINUTES = 1.0
+MINUTES = 0.5
+"""The time limit of a test is 1 min."""
 
 
 def proved(subject: Subject) -> None:

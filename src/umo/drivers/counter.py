@@ -13,6 +13,7 @@ from pathlib import Path
 from umo.drivers._device_file import explained, listed, numbered, one_named, put, text_in
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.option_checks import truth, within
+from umo.drivers.unreached import reaching
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
 
@@ -132,7 +133,8 @@ class Counter(Driver[CounterChannel]):
         if not self._is_open:
             raise DriverError("it is not open")
         if self._folder is None:
-            self._folder = _found(self.device)
+            with reaching():
+                self._folder = _found(self.device)
             try:
                 for channel, default in list(self._used.items()):
                     self._initialize(channel, default)

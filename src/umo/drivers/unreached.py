@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from umo.errors import DriverError
 
 MAX_CHAIN = 5
 """Largest number of errors, each made from the next, that are looked at."""
@@ -14,6 +18,16 @@ UNREACHED = frozenset(
 
 class NotReached(Exception):
     """The device was not reached. The base of errors of a line to a device."""
+
+
+@contextmanager
+def reaching() -> Iterator[None]:
+    """Return a context in which a DriverError also says that the device was not reached."""
+    try:
+        yield
+    except DriverError as error:
+        error.__cause__ = error.__cause__ or NotReached()
+        raise
 
 
 def is_unreached(error: BaseException | None) -> bool:
