@@ -55,6 +55,7 @@ def _in_any_order(context: RuleContext) -> None:
                 probe.initialize(text, context.default(text))
             for output in context.visible:
                 context.expect(probe, output, output.default, f"initialize({output.default})")
+            context.await_levels(probe)
             found.append({text: probe.read(text) for text in context.known})
     for text, raw in found[0].items():
         if not context.alike(text, raw, now := found[1][text]):
