@@ -20,6 +20,7 @@ from umo.operation.alarms.engine import AlarmRequest
 from umo.operation.commands.verbs import verb_of
 from umo.process.frames import Reader, blackbox
 from umo.process.frames.alarm_list import alarm_rows
+from umo.process.frames.ring import Ring
 from umo.testing import Scripted, periods
 from umo.text import time_of_day
 from umo_command.app import app
@@ -46,17 +47,23 @@ class Fleeting(Compound, alarms={"full": Alarm(High("level", 80.0), "too full", 
 
 
 @pytest.fixture
-def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Reader]:
-    """Of a tank that is too full."""
+def vat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[connect[Tank], Ring]]:
+    """A tank that is too full, before its first period, and its frames."""
     monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
     monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
     machine = Tank(timer=timer(), level=sensor(resolution=1.0))
     connection = connect(machine, wired(machine, Scripted({"level": 90})))
-    with connection as m, published(connection, "vat") as ring:
-        assert ring.path is not None
-        with Reader(ring.path) as reader:
-            periods(m, 3)
-            yield reader
+    with connection, published(connection, "vat") as ring:
+        yield connection, ring
+
+
+@pytest.fixture
+def reader(vat: tuple[connect[Tank], Ring]) -> Iterator[Reader]:
+    connection, ring = vat
+    assert ring.path is not None
+    with Reader(ring.path) as reader:
+        periods(connection.root, 3)
+        yield reader
 
 
 def test_the_description_tells_paths_states_texts_and_priorities(reader: Reader) -> None:
@@ -127,19 +134,16 @@ def test_the_list_of_alarms_shows_the_same_clock_as_their_history(
 
 
 def test_an_acknowledged_alarm_keeps_the_time_at_which_it_began_and_shows_who_acknowledged_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    vat: tuple[connect[Tank], Ring],
 ) -> None:
-    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
-    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
-    machine = Tank(timer=timer(), level=sensor(resolution=1.0))
-    connection = connect(machine, wired(machine, Scripted({"level": 90})))
-    with connection as m, published(connection, "vat"):
-        periods(m, 30)
-        engine = engine_of(connection.machine)
-        engine.request([0], AlarmRequest(Operation.ACKNOWLEDGE, "ann"))
-        periods(m, 3)
-        (row,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
-        heads, _, line = CliRunner().invoke(app, ["alarm", "list"]).stdout.splitlines()
+    connection, _ = vat
+    m = connection.root
+    periods(m, 30)
+    engine = engine_of(connection.machine)
+    engine.request([0], AlarmRequest(Operation.ACKNOWLEDGE, "ann"))
+    periods(m, 3)
+    (row,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
+    heads, _, line = CliRunner().invoke(app, ["alarm", "list"]).stdout.splitlines()
     assert (row["state"], row["who"], row["text"]) == ("acknowledged", "ann", "too full")
     assert row["since"] == row["first"] == pytest.approx(0.001)
     assert heads.split() == ["alarm", "state", "by", "priority", "since", "raised", "text"]
@@ -147,22 +151,19 @@ def test_an_acknowledged_alarm_keeps_the_time_at_which_it_began_and_shows_who_ac
 
 
 def test_a_shelved_alarm_keeps_the_time_at_which_it_began_and_shows_when_the_shelving_ends(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    vat: tuple[connect[Tank], Ring],
 ) -> None:
-    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
-    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
-    machine = Tank(timer=timer(), level=sensor(resolution=1.0))
-    connection = connect(machine, wired(machine, Scripted({"level": 90})))
-    with connection as m, published(connection, "vat"):
-        periods(m, 30)
-        engine = engine_of(connection.machine)
-        engine.request([0], AlarmRequest(Operation.SHELVE, "ann", 600.0, "for 600 s"))
-        periods(m, 3)
-        (row,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
-        line = CliRunner().invoke(app, ["alarm", "list"]).stdout.splitlines()[-1]
-        engine.request([0], AlarmRequest(Operation.UNSHELVE, "ann"))
-        periods(m, 3)
-        (shown,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
+    connection, _ = vat
+    m = connection.root
+    periods(m, 30)
+    engine = engine_of(connection.machine)
+    engine.request([0], AlarmRequest(Operation.SHELVE, "ann", 600.0, "for 600 s"))
+    periods(m, 3)
+    (row,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
+    line = CliRunner().invoke(app, ["alarm", "list"]).stdout.splitlines()[-1]
+    engine.request([0], AlarmRequest(Operation.UNSHELVE, "ann"))
+    periods(m, 3)
+    (shown,) = json.loads(CliRunner().invoke(app, ["alarm", "list", "--json"]).stdout)
     assert (row["state"], row["who"]) == ("shelved active", "ann")
     assert row["since"] == row["first"] == pytest.approx(0.001)
     assert row["until"] == pytest.approx(600.031)

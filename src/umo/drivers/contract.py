@@ -273,7 +273,8 @@ def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[in
                 unreached += is_unreached(error)
     finally:
         driver.timeout = timeout
-    if failed and unreached == len(channels):
+    if not failed:
+        return
+    if unreached == len(channels):
         raise DriverError(some(list(dict.fromkeys(failed.values()))))
-    if failed:
-        raise ChannelsFailed(failed)
+    raise ChannelsFailed(failed)

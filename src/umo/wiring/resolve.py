@@ -69,8 +69,8 @@ OPTION = "--"
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
     """Return every mistake in the wiring; empty if it fits the machine. No device is opened. The parameters of the
-    wiring are set on the machine, which calls `setup`, and are then restored. That a wiring
-    runs only with `umo run --realtime` is not a mistake."""
+    wiring are set on the machine, which calls `setup`, and are then restored. That a wiring runs only with `umo run
+    --realtime` is not a mistake."""
     check_machine("check", root)
     resolver = _Resolver(root, wiring, {}, to_run=False)
     wired, mistakes = resolver.run()
@@ -88,8 +88,8 @@ def resolve(
 ) -> Wired:
     """Return the checked and complete wiring. Raises WiringError, which lists every mistake, or OptionError if only the
     options are wrong. No device is opened. `options`: the options for its drivers
-    (`umo.wiring.run_options.distribute_options`). `to_run`: False if the machine will not be connected.
-    Hardware together with virtual time is then accepted (`Wired.mixed_times`)."""
+    (`umo.wiring.run_options.distribute_options`). `to_run`: False if the machine will not be connected. Hardware
+    together with virtual time is then accepted (`Wired.mixed_times`)."""
     wired, mistakes = _Resolver(root, wiring, options or {}, to_run).run()
     if mistakes:
         if all(each.file.startswith(OPTION) for each in mistakes):

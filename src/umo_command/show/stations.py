@@ -34,10 +34,8 @@ CHANGED = "changed"
 def show_stations(as_json: bool = False) -> None:
     unread: list[str] = []
     found = list(_lines(unread.append))
-    stopped, unseen = (
-        standing(),
-        _unseen(device for data, _ in found if data["state"] != str(Stage.ENDED) for device in data["devices"]),
-    )
+    shown = [device for data, _ in found if data["state"] != str(Stage.ENDED) for device in data["devices"]]
+    stopped, unseen = standing(), _unseen(shown)
     for text in unread:
         say(text)
     if as_json:

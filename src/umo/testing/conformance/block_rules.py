@@ -15,7 +15,7 @@ from umo.drivers.contract import Direction
 from umo.errors import ChannelsFailed
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import TEXTS, WRITTEN, WRITTEN_MANY, Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import TEXTS, WRITTEN, WRITTEN_MANY, Cost, NotTried, RuleBroken, further, rule
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
@@ -66,7 +66,7 @@ def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
         yield [each.other() if each == alone else each.default for each in outputs]
 
 
-@rule(Cost(each=14, calls=8, more=Cost(opens=0, each=200)))
+@rule(Cost(each=14, calls=8, more=further(200)))
 def block_read(context: RuleContext) -> str | None:
     """`read_many` returns the same values as `read`: for all channels in any order, for halves, for pairs and for
     single channels."""
@@ -138,7 +138,7 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
         sleep(LOOK_INTERVAL * 2**look)
 
 
-@rule(Cost(each=6, calls=32, more=Cost(opens=0, each=350)))
+@rule(Cost(each=6, calls=32, more=further(350)))
 def block_write(context: RuleContext) -> str | None:
     """`write_many` brings each output directly to the level given for it, and changes no other output: for all outputs
     in any order, for halves, for pairs and for single outputs."""

@@ -16,7 +16,7 @@ from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.device_record import DeviceClaim
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import TEXTS, Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import TEXTS, Cost, NotTried, RuleBroken, further, rule
 from umo.testing.conformance.spoiling import rewrite
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
@@ -82,7 +82,7 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, man
         context.expect(probe, output, output.default, f"{call} after a write without an answer")
 
 
-@rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=Cost(opens=0, each=10)))
+@rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=further(10)))
 def vanish(context: RuleContext) -> str | None:
     """While the device is away, each call fails in time. It does not raise ChannelsFailed, because that error says that
     the device answers. When the device is back, the next call works, however many calls have failed. (If none has
@@ -325,7 +325,7 @@ def _join(context: RuleContext, second: Probe) -> None:
     context.use(second)
 
 
-@rule(Cost(opens=2, each=10, calls=26, settles=8, more=Cost(opens=0, each=160)))
+@rule(Cost(opens=2, each=10, calls=26, settles=8, more=further(160)))
 def fresh(context: RuleContext) -> str | None:
     """A reading belongs to the call that returns it, not to an earlier call."""
     # Another driver moves an input; the first has read it before. Only where that level has come for sure

@@ -10,7 +10,7 @@ from umo.errors import text_of
 from umo.testing.conformance.probe import Probe, failed
 from umo.testing.conformance.pulses import looks_for_pulses
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, further, rule
 from umo.testing.conformance.spoiling import rewrite
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.taps import Tap
@@ -25,7 +25,7 @@ MAX_OTHERS = 8
 """Largest number of other outputs that are watched together with one output."""
 
 
-@rule(Cost(opens=11, each=9, calls=6, connects=2, waits=1, more=Cost(opens=0, each=24)))
+@rule(Cost(opens=11, each=9, calls=6, connects=2, waits=1, more=further(24)))
 def initialise(context: RuleContext) -> str | None:
     """Initialise brings an output to its default, even after an initialise that has failed. The other outputs do not
     change. Channels can be initialised in any order."""
@@ -164,7 +164,7 @@ def _check_inputs(context: RuleContext, probe: Probe) -> None:
             context.expect(probe, output, output.other(), f"reset of the input {text}")
 
 
-@rule(Cost(opens=8, each=3, calls=6, more=Cost(opens=0, each=50)))
+@rule(Cost(opens=8, each=3, calls=6, more=further(50)))
 def glitch(context: RuleContext) -> str | None:
     """Initialise and reset bring an output directly to its default, without another level in between."""
     watched: set[str] = set()

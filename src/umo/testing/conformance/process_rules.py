@@ -21,7 +21,7 @@ from umo.errors import text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.process_snapshot import alarm_time, change, state, state_of_thread, threads
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, further, rule
 from umo.testing.conformance.taps import Tap
 
 IDLE_TIME = 0.25
@@ -114,7 +114,7 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
     return max(shares)
 
 
-@rule(Cost(opens=6, calls=35, connects=6, more=Cost(opens=0, each=10)))
+@rule(Cost(opens=6, calls=35, connects=6, more=further(10)))
 def interrupt(context: RuleContext) -> str | None:
     """Ctrl-C ends a call that waits, and KeyboardInterrupt is not turned into another exception. The driver can be used
     after that, because the outputs are then reset. It does not take a late answer to the interrupted call for the

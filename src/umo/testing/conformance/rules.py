@@ -47,6 +47,11 @@ class Cost:
     """Number of times that the rule waits for the device's watchdog (`Subject.watchdog`)."""
 
 
+def further(each: float) -> Cost:
+    """Return the cost of so many further transfers of each channel, with a driver that is open."""
+    return Cost(opens=0, each=each)
+
+
 MADE_UP = "success without an answer"
 RECORD = "levels of the subject"
 TEXTS = "texts of channels"

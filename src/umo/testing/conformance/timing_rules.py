@@ -15,7 +15,7 @@ from umo.duration import duration
 from umo.errors import text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import MADE_UP, Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import MADE_UP, Cost, NotTried, RuleBroken, further, rule
 from umo.testing.conformance.spoiling import first_only
 
 T = TypeVar("T")
@@ -305,7 +305,7 @@ def _clock_is_set(context: RuleContext, probe: Probe, call: DriverCall, step: fl
         raise RuleBroken(f"{broken}; the clock of the day was set back meanwhile") from broken
 
 
-@rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2, more=Cost(opens=0, each=60)))
+@rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2, more=further(60)))
 def patience(context: RuleContext) -> str | None:
     """An answer within `timeout` is accepted, even if it takes half of that time, or if connecting is slow. A longer
     timeout that is set after `open` takes effect immediately, because umo sets a longer one for initialise and

@@ -16,7 +16,7 @@ from umo.errors import DriverError, text_of
 from umo.testing.conformance.certificate import TransferTime, time_text
 from umo.testing.conformance.probe import Probe, WrongKind
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import RECORD, WRITTEN, Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import RECORD, WRITTEN, Cost, NotTried, RuleBroken, further, rule
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
@@ -105,7 +105,7 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
     return kinds
 
 
-@rule(Cost(each=7, calls=10, more=Cost(opens=0, each=600)))
+@rule(Cost(each=7, calls=10, more=further(600)))
 def range_(context: RuleContext) -> str | None:
     """An output takes every raw level of its range exactly, and the same level is read back. The rule tests both ends,
     powers of two and their neighbours, and every value of each byte."""
@@ -119,7 +119,7 @@ def range_(context: RuleContext) -> str | None:
     return context.remark()
 
 
-@rule(Cost(each=6, calls=18, more=Cost(opens=0, each=18)))
+@rule(Cost(each=6, calls=18, more=further(18)))
 def one_beyond(context: RuleContext) -> str | None:
     """A write of a raw level beyond the channel's bits is refused by an OSError, and changes nothing."""
     # Outputs are tried where a driver that clamps or wraps would not leave the range that may be driven
