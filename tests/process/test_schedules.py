@@ -18,8 +18,9 @@ from tools.schedules.campaigns import (
     Player,
     asks,
     at_random,
+    beside_clients,
     gates_of,
-    in_long_runs,
+    in_worlds,
     no_disks,
     no_forks,
     orders,
@@ -28,7 +29,6 @@ from tools.schedules.campaigns import (
     shrunk,
     silences,
     singles,
-    with_frames,
 )
 from tools.schedules.cases import ONCE_WRONG, ROWS, cases
 from tools.schedules.ends import BY_KEY, ENDS, UNSAFE, Times
@@ -40,7 +40,7 @@ from umo.system import calls
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the processes of a run need Linux")
 EVERY_KIND = (
     "7 frames: kill control at guardian:12; stop standby at guardian:12+60ms; continue standby at 90.5ms; "
-    "hold worker 150ms at worker:3; ask at 20ms; no-fork guardian at guardian:9; "
+    "hold worker 150ms at worker:3; ask at 20ms; ask operator at operator:3; no-fork guardian at guardian:9; "
     "no-forks guardian 80ms at guardian:9; no-disk 500ms at 1ms; "
     "silent d2 1300ms at control:20"
 )
@@ -103,7 +103,28 @@ def test_after_the_kill_of_any_two_processes_at_one_moment_all_is_at_its_default
 @pytest.mark.parametrize("what", [What.KILL, What.STOP])
 def test_so_it_is_of_a_run_with_frames_a_keeper_and_black_boxes(player: Player, what: What) -> None:
     gates = gates_of(player, 0, frames=True)
-    assert wrong(with_frames(singles([what], 0, gates)), player) == []
+    assert wrong(in_worlds(singles([what], 0, gates), frames=True), player) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", first(1, [range(1, 2), range(2, 101)]), ids=str)
+def test_without_a_fault_clients_faces_recorder_and_service_manager_are_told_truly(
+    player: Player, seeds: range
+) -> None:
+    assert wrong(in_worlds(orders(seeds), clients=True), player) == []
+
+
+@pytest.mark.full
+def test_after_a_fault_at_any_gate_of_a_client_all_is_told_truly_and_nobody_commands_without_the_lease(
+    player: Player,
+) -> None:
+    assert wrong(beside_clients(0, gates_of(player, 0, clients=True), every=8), player) == []
+
+
+@pytest.mark.full
+def test_so_it_is_after_some_faults_at_random(player: Player) -> None:
+    schedules = at_random(range(1, 301), gates_of(player, 0, clients=True))
+    assert wrong(in_worlds(schedules, clients=True), player) == []
 
 
 @pytest.mark.full
@@ -131,6 +152,7 @@ QUICK = {
     "0: kill guardian at guardian:76; kill standby at guardian:76",
     "37315: stop reserve at control:39; kill worker at worker:24",
     "18656: stop worker at worker:30; ask at worker:30; kill guardian at reserve:3",
+    "0 clients: kill control at operator:12",
     "0 long: stop reserve at worker:20; kill control at worker:20; kill guardian at worker:20+200ms; "
     "kill standby at worker:20+200ms",
 }
@@ -236,7 +258,7 @@ def test_each_play_of_the_campaigns_is_a_path_of_the_model(player: Player, gates
     assert no_paths(cases(), player) == []
     assert no_paths(orders(range(1, 50)), player) == []
     assert no_paths(singles([What.KILL], 0, gates), player) == []
-    assert no_paths(in_long_runs(singles([What.STOP], 0, gates)), player) == []
+    assert no_paths(in_worlds(singles([What.STOP], 0, gates), long=True), player) == []
     assert no_paths(at_random(range(1, 500), gates), player) == []
 
 

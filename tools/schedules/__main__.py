@@ -10,6 +10,8 @@ whatever faults?
     python -m tools.schedules --pairs --held 60      the first one is held up 60 ms at the gate, then both are killed
     python -m tools.schedules --forks --disks --silences --every 4
     python -m tools.schedules --random 10000 --from 5000
+    python -m tools.schedules --clients --every 4    programs that attach to the run, and faults at their gates
+    python -m tools.schedules --clients --random 1000
     python -m tools.schedules --planted              faults in copies of umo: are they found?
     python -m tools.schedules --replay "0: kill control at control:30; kill guardian at control:30"
 
@@ -31,9 +33,10 @@ from tools.schedules.campaigns import (
     Player,
     asks,
     at_random,
+    beside_clients,
     gates_of,
     hunt,
-    in_long_runs,
+    in_worlds,
     no_disks,
     no_forks,
     orders,
@@ -42,9 +45,8 @@ from tools.schedules.campaigns import (
     shrunk,
     silences,
     singles,
-    with_frames,
 )
-from tools.schedules.faults import MS, Schedule, What, parsed
+from tools.schedules.faults import KINDS, MS, Schedule, What, parsed
 from tools.schedules.planted import measure
 
 SINGLE = (What.KILL, What.STOP, What.HOLD, What.ASK)
@@ -70,6 +72,7 @@ def main() -> int:
     parser.add_argument("--silences", action="store_true")
     parser.add_argument("--frames", action="store_true", help="with frames, keeper and black boxes")
     parser.add_argument("--long", action="store_true", help="with an application that goes on for long")
+    parser.add_argument("--clients", action="store_true", help="with programs that attach, and a service manager")
     parser.add_argument("--random", type=int, metavar="N", default=0)
     parser.add_argument("--seed", type=int, default=0, help="of the order of the processes; 0: each in turn")
     parser.add_argument("--from", type=int, default=1, dest="first", metavar="SEED")
@@ -102,7 +105,8 @@ def main() -> int:
 
 
 def chosen(given: argparse.Namespace, player: Player) -> Iterator[Schedule]:
-    gates = gates_of(player, given.seed, given.frames)
+    world = {name: getattr(given, name) for name in KINDS}
+    gates = gates_of(player, given.seed, **world)
     kinds = None if given.singles is None else given.singles or SINGLE
     parts: list[Iterable[Schedule]] = []
     if kinds is not None:
@@ -119,11 +123,11 @@ def chosen(given: argparse.Namespace, player: Player) -> Iterator[Schedule]:
         parts += [silences(given.seed, gates, given.every)]
     if given.random:
         parts += [at_random(range(given.first, given.first + given.random), gates)]
+    if given.clients and not (parts or given.orders):
+        parts += [beside_clients(given.seed, gates, given.every)]
     if given.orders or not parts:
         parts += [orders(range(given.first, given.first + (given.orders or 200)))]
-    schedules: Iterator[Schedule] = chain.from_iterable(parts)
-    schedules = with_frames(schedules) if given.frames else schedules
-    return in_long_runs(schedules) if given.long else schedules
+    return in_worlds(chain.from_iterable(parts), **world)
 
 
 def run(schedules: Iterable[Schedule], players: list[Player], until_wrong: bool = False, shown: int = SHOWN) -> int:

@@ -18,6 +18,7 @@ from typing import IO, Any
 
 from tools.schedules.cases import cases
 from tools.schedules.faults import MS, Fault, Moment, Schedule, What, parsed
+from tools.schedules.scheduler import CLIENTS, COMMANDERS
 from tools.schedules.shared import DEVICES
 
 ROOT = Path(__file__).parents[2]
@@ -164,19 +165,14 @@ def orders(seeds: Iterable[int]) -> Iterator[Schedule]:
     return (Schedule(seed) for seed in seeds)
 
 
-def gates_of(player: Player, seed: int, frames: bool = False) -> dict[str, int]:
-    """The number of gates of each process in a run without a fault."""
-    return player.play(Schedule(seed, frames=frames)).gates
+def gates_of(player: Player, seed: int, **kind: bool) -> dict[str, int]:
+    """The number of gates of each process in a run without a fault, in a world of this kind."""
+    return player.play(Schedule(seed, **kind)).gates
 
 
-def with_frames(schedules: Iterable[Schedule]) -> Iterator[Schedule]:
-    """The same of runs that publish frames."""
-    return (replace(schedule, frames=True) for schedule in schedules)
-
-
-def in_long_runs(schedules: Iterable[Schedule]) -> Iterator[Schedule]:
-    """The same of runs whose application goes on for long."""
-    return (replace(schedule, long=True) for schedule in schedules)
+def in_worlds(schedules: Iterable[Schedule], **kind: bool) -> Iterator[Schedule]:
+    """The same in worlds of this kind."""
+    return (replace(schedule, **kind) for schedule in schedules)
 
 
 def every_gate(gates: Mapping[str, int]) -> Iterator[Moment]:
@@ -220,6 +216,20 @@ def _lasting(what: What, who: str, moment: Moment) -> Iterator[Fault]:
     """A fault, where it lasts once for each time."""
     for lasting in HOLDS if what is What.HOLD else (0,):
         yield Fault(what, who, moment, lasting)
+
+
+def beside_clients(seed: int, gates: Mapping[str, int], every: int = 1) -> Iterator[Schedule]:
+    """At each `every`-th gate of each client: every fault of one process, of the client and of those of the run; and
+    a client, or the starter, is asked to stop the machine."""
+    for moment in every_gate({who: gates[who] for who in CLIENTS}):
+        if moment.gate % every:
+            continue
+        for what in (What.KILL, What.STOP, What.HOLD):
+            for who in (moment.who, "control", "guardian", "worker", "starter"):
+                for fault in _lasting(what, who, moment):
+                    yield Schedule(seed, (fault,), clients=True)
+        for who in ("", *COMMANDERS):
+            yield Schedule(seed, (Fault(What.ASK, who, moment),), clients=True)
 
 
 def no_forks(seed: int, gates: Mapping[str, int]) -> Iterator[Schedule]:
@@ -282,14 +292,17 @@ def hunt(gates: Mapping[str, int]) -> Iterator[Schedule]:
     kinds: list[Iterable[Schedule]] = [
         orders(range(1, 1000)),
         singles([What.KILL], 0, some),
-        in_long_runs(singles([What.STOP], 0, some)),
+        in_worlds(singles([What.STOP], 0, some), long=True),
         asks(0, gates),
         singles([What.HOLD], 0, some),
         no_forks(0, gates),
-        in_long_runs(
-            pairs((What.KILL, What.KILL), 0, {"guardian": gates["guardian"], "control": gates["control"]}, held=60 * MS)
+        in_worlds(
+            pairs(
+                (What.KILL, What.KILL), 0, {"guardian": gates["guardian"], "control": gates["control"]}, held=60 * MS
+            ),
+            long=True,
         ),
-        in_long_runs(silences(0, gates)),
+        in_worlds(silences(0, gates), long=True),
         at_random(range(1, 10_000), gates),
     ]
     for several in zip_longest(*(islice(each, 1, None, HUNTED_EVERY) for each in kinds)):
@@ -306,7 +319,7 @@ def _some_moment(chance: random.Random, gates: Mapping[str, int]) -> Moment:
 
 def shrunk(found: Played, player: Player) -> Played:
     """The same failure with fewer faults; in turns and without frames where that fails, too."""
-    for simpler in ({"seed": 0}, {"frames": False}, {"long": False}):
+    for simpler in ({"seed": 0}, {"frames": False}, {"long": False}, {"clients": False}):
         smaller = player.play(replace(found.schedule, **simpler))
         if smaller.wrong:
             found = smaller

@@ -2,8 +2,9 @@
 
     0: kill control at guardian:12; hold guardian 60ms at guardian:12; ask at 31.5ms; silent d2 500ms at control:9+2ms
 
-After the seed, `frames` says that the run publishes frames, has a keeper and writes black boxes, and `long` that its
-application goes on for longer than any process is waited for that is to end it: `0 frames: ...`, `0 long: ...`.
+After the seed, `frames` says that the run publishes frames, has a keeper and writes black boxes, `long` that its
+application goes on for longer than any process is waited for that is to end it, and `clients` both, with programs that
+attach to it and a service manager: `0 frames: ...`, `0 long: ...`, `0 clients: ...`.
 
 A moment is a gate of a process, by its number from 1; or a time after that; or a time since the start of the world.
 Faults of one moment come together.
@@ -32,7 +33,7 @@ class What(StrEnum):
     HOLD = "hold"
     """The process gets no processor, for a time."""
     ASK = "ask"
-    """The starter is asked to stop the machine."""
+    """The starter is asked to stop the machine; or a client, which then asks the machine."""
     NO_FORK = "no-fork"
     """The next fork of the process fails."""
     NO_FORKS = "no-forks"
@@ -44,6 +45,9 @@ class What(StrEnum):
 
 
 OF_NOBODY = (What.ASK, What.NO_DISK)
+"""Those that may be of no process."""
+KINDS = ("frames", "long", "clients")
+"""The kinds of worlds beside the simple one, by the attributes of a schedule."""
 LASTING = (What.HOLD, What.NO_FORKS, What.NO_DISK, What.SILENT)
 
 
@@ -84,16 +88,17 @@ class Fault:
 @dataclass(frozen=True)
 class Schedule:
     """`seed`: of the order of the processes; 0: each in turn. `frames`: whether the run publishes them. `long`: whether
-    its application goes on for long."""
+    its application goes on for long. `clients`: both, with programs that attach to it."""
 
     seed: int = 0
     faults: Sequence[Fault] = ()
     frames: bool = False
     long: bool = False
+    clients: bool = False
 
     def __str__(self) -> str:
-        kind = f"{' frames' if self.frames else ''}{' long' if self.long else ''}"
-        return f"{self.seed}{kind}: {'; '.join(map(str, self.faults))}".strip()
+        kinds = [name for name in KINDS if getattr(self, name)]
+        return f"{' '.join([str(self.seed), *kinds])}: {'; '.join(map(str, self.faults))}".strip()
 
     def is_gentle_to(self, kind: str) -> bool:
         """Whether its faults are kills and requests to stop alone, and of the processes of this kind one dies at
@@ -106,7 +111,7 @@ class Schedule:
 
 
 _MOMENT = re.compile(r"(?:(?P<who>[a-z]+\d*):(?P<gate>\d+)(?:\+(?P<after>[\d.]+)ms)?|(?P<time>[\d.]+)ms)")
-_BEGIN = re.compile(r"(?P<seed>\d+)(?P<frames> frames)?(?P<long> long)?:")
+_BEGIN = re.compile(rf"(?P<seed>\d+){''.join(f'(?P<{kind}> {kind})?' for kind in KINDS)}:")
 _FAULT = re.compile(r"(?P<what>[a-z-]+)(?: (?P<who>[a-z]+\d*))?(?: (?P<lasting>[\d.]+)ms)? at (?P<moment>\S+)")
 
 
@@ -116,7 +121,7 @@ def parsed(line: str) -> Schedule:
     if not found:
         raise ScheduleError(f"{line!r} does not begin with a seed, as in `0: kill control at guardian:12`")
     parts = filter(None, map(str.strip, line.strip()[found.end() :].split(";")))
-    return Schedule(int(found["seed"]), tuple(map(_fault, parts)), bool(found["frames"]), bool(found["long"]))
+    return Schedule(int(found["seed"]), tuple(map(_fault, parts)), **{kind: bool(found[kind]) for kind in KINDS})
 
 
 def _fault(text: str) -> Fault:
@@ -124,7 +129,8 @@ def _fault(text: str) -> Fault:
     if not found or found["what"] not in list(What):
         raise ScheduleError(f"{text!r} is no fault; kinds: {', '.join(What)}")
     what, who, lasting = What(found["what"]), found["who"] or "", found["lasting"]
-    if (not who) != (what in OF_NOBODY) or (lasting is not None) != (what in LASTING):
+    is_wrong = what not in OF_NOBODY if not who else what is What.NO_DISK
+    if is_wrong or (lasting is not None) != (what in LASTING):
         raise ScheduleError(f"{text!r} has not the words of {what}")
     return Fault(what, who, _moment(found["moment"]), round(float(lasting or 0) * MS))
 

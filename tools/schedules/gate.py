@@ -166,15 +166,25 @@ class Gate:
         return pid
 
     def _become_program(self, files: Sequence[int], environ: Mapping[str, str]) -> NoReturn:
+        """The program that was started, in a process that was forked."""
+        os.environ.update(environ)
+        self._be_program(files, lambda: self.starts(files, environ))
+
+    def become(self, kind: str, files: Sequence[int], program: Callable[[], int]) -> None:
+        """Fork a process that inherits these descriptors, and is this program."""
+        self.next_kind = kind
+        if self.fork() == 0:
+            self._be_program(files, program)
+
+    def _be_program(self, files: Sequence[int], program: Callable[[], int]) -> NoReturn:
         """What starting a program does to a process that was forked, and then the program."""
         _close_all_but(files)
         os.setsid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
-        os.environ.update(environ)
         status = 1
         try:
-            status = self.starts(files, environ)
+            status = program()
         except BaseException:
             sys.excepthook(*sys.exc_info())
         self.exit_now(status)

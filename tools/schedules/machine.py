@@ -1,5 +1,6 @@
-"""The machine of the worlds: one output on a device on the cycle, one on a device behind a worker. The devices are in
-the memory of the world and outlive all processes."""
+"""The machines of the worlds: one output on a device on the cycle, one on a device behind a worker. The devices are in
+the memory of the world and outlive all processes. The machine of worlds with clients has the second output in
+equipment, which fails once by itself."""
 
 from __future__ import annotations
 
@@ -14,8 +15,10 @@ from umo.drivers import Channel, Direction, Driver
 from umo.errors import DeviceTimeout
 from umo.objects.range import Number
 
-PERIODS, LONG = 5, 100
-"""Periods that the application drives for; and in a long run."""
+PERIODS, LONG, WITH_CLIENTS = 5, 100, 60
+"""Periods that the application drives for; in a long run; and, in automatic mode, in one with clients."""
+UNIT, UNIT_FAILS_AT, SETUP_TIME = "unit", 8, 0.004
+"""The equipment, the period in which it fails, and the time in s that its `setup` takes."""
 PERIOD, HANG_TIMEOUT, TIMEOUT, RESET_FOR = 0.01, 0.1, 0.02, 0.3
 """s."""
 WIRING: dict[str, Any] = {
@@ -33,6 +36,9 @@ WIRING: dict[str, Any] = {
     },
     "process": {"hang_timeout": f"{HANG_TIMEOUT:g} s", "reset_for": f"{RESET_FOR:g} s"},
 }  # fmt: skip
+PLANT_WIRING = WIRING | {
+    "wire": {name if name != "heater" else f"{UNIT}.heater": entry for name, entry in WIRING["wire"].items()}
+}
 periods = [PERIODS]
 """Those of this world."""
 gates: list[Gate] = []
@@ -49,11 +55,15 @@ class Machine(umo.Compound, stop_order=("heater", "motor")):
 
 
 def declare() -> Machine:
-    timer = umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
-    motor, heater = (
-        umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=1.0) for _ in range(2)
-    )
-    return Machine(timer=timer, motor=motor, heater=heater)
+    return Machine(timer=_timer(), motor=_output(), heater=_output())
+
+
+def _timer() -> umo.DigitalSensor:
+    return umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
+
+
+def _output() -> umo.DigitalActuator:
+    return umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=1.0)
 
 
 async def drive(m: Machine) -> str:
@@ -62,6 +72,46 @@ async def drive(m: Machine) -> str:
         m.count = number
         m.motor.write(5.0 + number % 5)
         m.heater.write(5.0 + number % 5)
+        await next_period()
+    return "driven"
+
+
+class Unit(umo.Compound, equipment=True):
+    """Equipment whose control fails once."""
+
+    heater: umo.DigitalActuator
+
+    def setup(self) -> None:
+        self._periods = 0
+        for gate in gates:  # none, where the plan is made
+            gate.stand("setup")
+            gate.sleep(SETUP_TIME)
+
+    def control(self) -> None:
+        self._periods += 1
+        if self._periods == UNIT_FAILS_AT:
+            raise RuntimeError("it fails once")
+        self.heater.write(5.0 + self._periods % 5)
+
+
+class Plant(umo.Compound, stop_order=("unit", "motor")):
+    """The machine of a world with clients."""
+
+    timer: umo.DigitalSensor
+    motor: umo.DigitalActuator
+    unit: Unit
+    _: KW_ONLY
+    count: Annotated[int, Number("", 0, 1e9, kept=True)] = 0
+
+
+def declare_plant() -> Plant:
+    return Plant(timer=_timer(), motor=_output(), unit=Unit(heater=_output()))
+
+
+async def drive_plant(m: Plant) -> str:
+    for number in range(periods[0]):
+        m.count = number
+        m.motor.write(5.0 + number % 5)
         await next_period()
     return "driven"
 

@@ -1,8 +1,9 @@
 """Faults that are planted in a copy of umo: is each found, within how many schedules?
 
-Each takes out a check of guardian, standby guardian, control process, reset, workers, keeper, records, locks or
-starter, sets a wrong limit, or swaps two steps. What schedules do not see by itself has a `layer` that covers it; both
-are planted then, and the two have to be found. Where there is none to be planted, `layer` says why.
+Each takes out a check of guardian, standby guardian, control process, reset, workers, keeper, records, locks, starter,
+clients, faces, recorder or service notification, sets a wrong limit, or swaps two steps. What schedules do not see by
+itself has a `layer` that covers it; both are planted then, and the two have to be found. Where there is none to be
+planted, `layer` says why.
 """
 
 from __future__ import annotations
@@ -29,6 +30,9 @@ CONTROL, RESET, RUN_END = "process/control_process.py", "process/reset.py", "pro
 WORKERS, WORKER, KEEPER = "process/workers.py", "process/worker.py", "process/keeper.py"
 HANG, START, RECORD = "process/hang_detection.py", "process/start.py", "system/device_record.py"
 PROCESSES, WATCH = "system/processes.py", "process/control_watch.py"
+COMMANDS, VERBS = "operation/commands/client_commands.py", "operation/commands/verbs.py"
+CONTROL_OF_CLIENTS, QUEUE = "operation/commands/client_control.py", "process/frames/command_queue.py"
+HOST, RECORDER, SERVICE = "clients/faces/host.py", "recording/recorder.py", "process/service_report.py"
 PLANTED = (
     # locks and forks
     Planted("a fork is not waited for until the child holds its lock", RUN_STATE,
@@ -357,6 +361,48 @@ PLANTED = (
     Planted("a guardian that was killed counts as one that ended well", START,
             "        left.unsafe = not safe\n", "        left.unsafe = False\n",
             "the record of the start stands, and the end is told as failed"),
+    # clients, faces, recorder, service manager
+    Planted("a worker holds the pipe that tells readers the end", GUARDIAN,
+            "        self._workers.fork()  # before the frames: who holds their pipe hides the end of the run\n"
+            "        if why := self._watcher.make():\n",
+            "        why = self._watcher.make()\n        self._workers.fork()\n        if why:\n",
+            by="0 clients: kill control at operator:12"),
+    Planted("a command is carried out for who has not the lease", COMMANDS,
+            "        if key != self._key:\n", "        if False:\n",
+            by="0 clients:"),
+    Planted("the lease is given to a second client", COMMANDS,
+            "        if others and not over:\n", "        if False:\n",
+            by="0 clients:"),
+    Planted("a lease that nobody renews does not end", COMMANDS,
+            "        return bool(self.holder) and now - self._signed > self._seconds\n", "        return False\n",
+            by="0 clients: kill supervisor at supervisor:12"),
+    Planted("a lease is not renewed", COMMANDS,
+            "        if self._signed < then <= now:\n", "        if False:\n",
+            by="0 clients:"),
+    Planted("what a client holds stays when its lease ends by itself", CONTROL_OF_CLIENTS,
+            "            self.end_lease(why)\n", "            self.lease.end()\n",
+            by="0 clients: kill supervisor at supervisor:30"),
+    Planted("what a client holds stays when another one takes its lease over", VERBS,
+            '        machine.actions.drop(f"{command.who} has taken the lease over")\n', "        pass\n",
+            by="0 clients: kill supervisor at supervisor:12"),
+    Planted("two clients write to the queue at once", QUEUE,
+            "                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)\n", "",
+            by="0 clients: hold supervisor 60ms at supervisor:3"),
+    Planted("a face is not told that the processes of its run are gone", HOST,
+            "ended = reader.state is Stage.ENDED  # before", "ended = getattr(reader, \"is_finished\")  # before",
+            by="0 clients: kill control at operator:12"),
+    Planted("a recorder waits for a control process that was killed", RECORDER,
+            "return self._reader.is_finished or not self._reader.alive\n", "return self._reader.is_finished\n",
+            by="0 clients: kill control at operator:12"),
+    Planted("the service manager is told of a life that nobody gave", SERVICE,
+            "now >= self._next_alive and beat != self._beat\n", "now >= self._next_alive\n",
+            by="0 clients: stop control at operator:12"),
+    Planted("the service manager is told of the start too soon", SERVICE,
+            "        if stage is Stage.STARTING:\n            return\n", "        self._ready()\n",
+            by="0 clients:"),
+    Planted("the service manager is not told of the stop", GUARDIAN,
+            '        self._try(lambda: self._service.stopping(hung or "every actuator goes to its default"))\n', "",
+            by="0 clients: kill control at operator:12"),
 )  # fmt: skip
 BY_NAME = {each.what: each for each in PLANTED}
 

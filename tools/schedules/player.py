@@ -33,10 +33,12 @@ class Player:
         self._folder = folder
         self._log = (folder / "log").open("w+b")
         self._memory = MEMORY
-        self._world = World(MEMORY, f"schedules {os.getpid()} ")
+        self._recording = folder / "run.mcap"
+        self._world = World(MEMORY, f"schedules {os.getpid()} ", self._recording)
 
     def play(self, schedule: Schedule, *, trace: bool = False) -> dict[str, Any]:
         """What came of it, as plain data."""
+        from tools.schedules import client_promises
         from tools.schedules.due import Due
         from tools.schedules.promises import End, broken, outcome_of
         from tools.schedules.scheduler import Scheduler, WorldError
@@ -44,6 +46,7 @@ class Player:
 
         before = _processor_time()
         shutil.rmtree(self._folder / "state", ignore_errors=True)
+        self._recording.unlink(missing_ok=True)
         self._log.seek(0)
         self._log.truncate()
         self._memory.clear()
@@ -54,6 +57,8 @@ class Player:
             scheduler.play()
             outcome = outcome_of(self._memory.outcome)
             wrong = broken(End(scheduler, outcome, all_standing()))
+            if schedule.clients:
+                wrong += client_promises.broken(client_promises.ClientsEnd(scheduler, self._recording))
         except (WorldError, OSError) as error:
             wrong = [f"harness: {error!r}"]
         finally:

@@ -164,7 +164,7 @@ def all_end(end: End) -> Iterator[str]:
     elif scheduler.why_over:
         yield scheduler.why_over
     able = scheduler.able_at_last_fault & {*RESETTING}
-    if scheduler.driven_when_asked and able:
+    if scheduler.driven_when_asked and able and not scheduler.schedule.clients:  # these may leave it in manual mode
         yield f"it was driven until it was asked to stop; left at the last fault: {', '.join(sorted(able))}"
     for process in scheduler.processes:
         if process.ended_by == "crash":

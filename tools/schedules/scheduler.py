@@ -55,8 +55,17 @@ ALONE = 10_000_000_000
 is left who could end their wait."""
 RESETTING = ("guardian", "standby", "reserve", "control")
 """The processes each of which can reset the machine."""
+CLIENTS = ("operator", "supervisor", "faces", "recorder")
+COMMANDERS = CLIENTS[:2]
+"""The programs of a world with clients (`tools.schedules.clients`), and those that can be asked to stop the machine."""
 LEVELLING = (Move.INITIALIZE, Move.RESET, Move.WRITE)
 """What sets the level of an output."""
+SIGNALS = {
+    What.KILL: signal.SIGKILL,
+    What.STOP: signal.SIGSTOP,
+    What.CONTINUE: signal.SIGCONT,
+    What.ASK: signal.SIGTERM,
+}
 TURN_TIMEOUT = 120
 """s of real time for one step on a busy computer."""
 TURN_LOOK = 2
@@ -92,6 +101,9 @@ class Process:
     is_stopped: bool = False
     ended_by: str = ""
     """How it ended: "fault", "signal" of another process, "exit", "crash"; "": it lives."""
+    ended_at: int = 0
+    lost_at: int = 0
+    """Times in ns at which it ended, and at which it ended or was stopped; 0: it goes on."""
     held_until: int = 0
     turn: int = 0
     """The step in which it ran last."""
@@ -235,10 +247,10 @@ class Scheduler:
 
     @property
     def waits_for_stopped(self) -> bool:
-        """Whether none is left but workers, and processes that are stopped: one of these goes on to reset, if anybody
-        continues it."""
+        """Whether none is left but workers, clients, and processes that are stopped: one of these goes on to reset, if
+        anybody continues it."""
         kinds = {(kind_of(process.name), process.is_stopped) for process in self.living()}
-        others = {kind for kind, is_stopped in kinds if not is_stopped} - {"worker"}
+        others = {kind for kind, is_stopped in kinds if not is_stopped} - {"worker", *CLIENTS}
         return not others and any((kind, True) in kinds for kind in RESETTING)
 
     def _adopt(self) -> None:
@@ -317,9 +329,10 @@ class Scheduler:
 
     @property
     def _asked_at(self) -> int:
-        """Time in ns at which somebody loses patience: soon where nobody is left who could end the run."""
+        """Time in ns at which somebody loses patience: soon where nobody is left who could end the run, and where
+        clients may have left it in manual mode."""
         able = any(kind_of(process.name) in RESETTING and not process.is_stopped for process in self.living())
-        return self.last_fault + (ASKED_AFTER if able else ASKED_SOON)
+        return self.last_fault + (ASKED_AFTER if able and not self.schedule.clients else ASKED_SOON)
 
     def _do_alarms(self) -> None:
         for process in self.living():
@@ -403,6 +416,7 @@ class Scheduler:
         elif number in (signal.SIGSTOP, signal.SIGCONT):
             signal.pidfd_send_signal(process.file, number)
             process.is_stopped = number == signal.SIGSTOP
+            process.lost_at = self.clock if process.is_stopped else 0
             _until_state(process.pid, process.is_stopped)
             self._happen(Wakes.DEATH)
         else:
@@ -418,6 +432,7 @@ class Scheduler:
         if not _has_ended(process.file, TURN_TIMEOUT):
             raise WorldError(f"{process.name} does not end")
         process.is_dead, process.is_stopped, process.ended_by = True, False, by
+        process.ended_at, process.lost_at = self.clock, process.lost_at or self.clock
         self._happen(Wakes.DEATH)
         for other in list(self.living()):
             if other.dies_with is not None and other.dies_with[0] == process.slot.number:
@@ -465,9 +480,10 @@ class Scheduler:
 
     def _do(self, fault: Fault) -> None:
         process = self.named(fault.who)
-        self.came.append(fault)
         self._note(f"fault: {fault}")
-        if fault.what is What.ASK:
+        if fault.what is not What.ASK or not fault.who or (process is not None and not process.is_dead):
+            self.came.append(fault)
+        if fault.what is What.ASK and not fault.who:
             self._ask()
         elif fault.what in (What.NO_DISK, What.SILENT):
             self._set(fault, True)
@@ -482,8 +498,7 @@ class Scheduler:
         elif fault.what is What.NO_FORKS:
             process.forks_fail_until = self.clock + fault.lasting
         else:
-            number = {What.KILL: signal.SIGKILL, What.STOP: signal.SIGSTOP, What.CONTINUE: signal.SIGCONT}[fault.what]
-            self._signal(process, number, "fault")
+            self._signal(process, SIGNALS[fault.what], "fault")
 
     def _set(self, fault: Fault, is_so: bool) -> None:
         if fault.what is What.NO_DISK:

@@ -11,29 +11,37 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import umo.clients.faces.gateway as gateway
 import umo.cycle.insisting as insisting
 import umo.drivers.off_cycle.proxy as proxy
 import umo.process.control_process as control_process
+import umo.process.frames.command_queue as command_queue
 import umo.process.guardian as guardian
 import umo.process.keeper as keeper
 import umo.process.reset as reset
 import umo.process.worker as worker
 import umo.system.processes as processes
-from tools.schedules import machine
+from tools.schedules import clients, machine
 from tools.schedules.faults import Schedule
 from tools.schedules.gate import Gate
 from tools.schedules.shared import Memory
 from umo.drivers.off_cycle import OffCycle
 from umo.process.frame_watcher import FrameWatcher
+from umo.process.frames import Reader
+from umo.process.frames.client_memory import ClientMemory
+from umo.process.frames.ring import Ring
 from umo.process.job import Job, Plan
 from umo.process.job_facts import job_facts
 from umo.process.run_end import RunEnd
 from umo.process.run_state import RunState, Who
 from umo.process.start import Started
 from umo.system import calls, realtime
+from umo.system.notify import ServiceManager
 from umo.system.realtime import Refusal
 
 INTERVALS: tuple[tuple[Any, str, float], ...] = (
@@ -43,25 +51,31 @@ INTERVALS: tuple[tuple[Any, str, float], ...] = (
     (control_process, "ADMISSION_INTERVAL", 0.01),
     (worker, "REQUEST_INTERVAL", 0.01),
     (worker, "ORDER_INTERVAL", 0.02),
+    (gateway, "LINGER", 0.1),
 )
-"""Times in s between two looks at another process, in place of 0.5 and 5 ms: the same protocol in fewer steps."""
+"""Times in s between two looks at another process, in place of 0.5 and 5 ms: the same protocol in fewer steps; and for
+which a face keeps the lease that it does not use, in place of 5 s."""
 WORKERS = 1
 
 
-def job() -> Job:
+def job(with_clients: bool) -> Job:
+    """That of a world with clients, or of another one."""
     name = machine.__name__
-    return Job(machine=f"{name}:declare", application=f"{name}:drive", wiring=machine.WIRING, acknowledge=False)
+    if with_clients:
+        return Job(machine=f"{name}:declare_plant", application=f"{name}:drive_plant", wiring=machine.PLANT_WIRING)
+    return Job(machine=f"{name}:declare", application=f"{name}:drive", wiring=machine.WIRING)
 
 
 class World:
-    """Makes the processes of one run after the other. `prefix`: of the abstract names of their sockets."""
+    """Makes the processes of one run after the other. `prefix`: of the abstract names of their sockets. `recording`:
+    the file of the recorder."""
 
-    def __init__(self, memory: Memory, prefix: str) -> None:
-        self._memory, self._prefix = memory, prefix
-        self._job = job()
-        self._plan = Plan(self._job)
-        job_facts(self._plan)  # it imports what each world with frames would
-        drivers = self._plan.wired.drivers.values()
+    def __init__(self, memory: Memory, prefix: str, recording: Path) -> None:
+        self._memory, self._prefix, self._recording = memory, prefix, recording
+        self._jobs = {with_clients: job(with_clients) for with_clients in (False, True)}
+        self._plans = {with_clients: Plan(each) for with_clients, each in self._jobs.items()}
+        self._facts = {with_clients: job_facts(plan) for with_clients, plan in self._plans.items()}
+        drivers = [driver for plan in self._plans.values() for driver in plan.wired.drivers.values()]
         shared = [driver.exchange._memory for driver in drivers if isinstance(driver, OffCycle)]
         self._clean = [(memory, bytes(memory)) for memory in shared]
         """What the processes of a run share from before its start, as it is then: all worlds have the same memory."""
@@ -91,23 +105,30 @@ class World:
         os.setsid()
         gc.disable()
         machine.gates.append(gate)
-        install(gate, self._plan)
+        install(gate, self._plans[schedule.clients])
+        _change(control_process, "job_facts", lambda *_: self._facts[schedule.clients])
         machine.periods[0] = machine.LONG if schedule.long else machine.PERIODS
-        if not schedule.frames:
+        if schedule.clients:
+            machine.periods[0] = machine.WITH_CLIENTS
+            _stand_at_clients(gate)
+            os.environ.update(clients.environment(self._prefix))
+        elif not schedule.frames:
             _change(FrameWatcher, "make", lambda self: "")
         gate.begin()
-        Starter(self._job, self._memory).run()
+        recording = self._recording if schedule.clients else None
+        Starter(self._jobs[schedule.clients], self._memory, gate, recording).run()
         calls.exit_now(0)
 
 
 class Starter:
-    """The process that has started the run and waits for its end, as `umo run` does."""
+    """The process that has started the run and waits for its end, as `umo run` does. `recording`: that of a world with
+    clients, which it starts too; None where there are none."""
 
-    def __init__(self, job: Job, memory: Memory) -> None:
-        self._memory = memory
+    def __init__(self, job: Job, memory: Memory, gate: Gate, recording: Path | None) -> None:
+        self._memory, self._gate, self._recording = memory, gate, recording
         self._started: Started | None = None
         signal.signal(signal.SIGTERM, self._ask)
-        self._started = Started(job)
+        self._started = Started(job, is_service=recording is not None)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         if self._started is not None:
@@ -117,7 +138,15 @@ class Starter:
         assert self._started is not None
         while (outcome := self._started.outcome) is None:
             self._started.poll(0.1)
+            if self._recording is not None and self._started.frames is not None:
+                self._start_clients(self._started.frames, self._recording)
+                self._recording = None
         self._memory.put_outcome(outcome.encode())
+
+    def _start_clients(self, reader: Reader, recording: Path) -> None:
+        assert reader.ends is not None
+        for name in clients.KINDS:
+            self._gate.become(name, reader.ends, partial(clients.become, self._gate, name, reader.ends, recording))
 
 
 # What is different in a world -----------------------------------------------------------------------------
@@ -180,6 +209,19 @@ def _name_processes(gate: Gate) -> None:
     _change(RunState, "fork", named_fork)
     _change(RunEnd, "_fork_reserve", named_fork_reserve)
     _change(FrameWatcher, "keep", named_keep)
+
+
+def _stand_at_clients(gate: Gate) -> None:
+    """What the machine, its clients and a service manager tell one another has a gate, before each store that others
+    may see."""
+    _change(command_queue, "fcntl", clients.QueueLock(gate))
+    _change(gateway, "SENDER", clients.Here(1))
+    clients.before(gate, ClientMemory, "ask_to_stop", lambda self, number, who: [f"ask to stop {who}"])
+    clients.before(gate, ClientMemory, "sign", lambda self, path, lease, now: [f"sign {path or 'lease'}"])
+    clients.before(gate, command_queue.Sender, "_put", lambda self, head, text: [f"put command {head + 1}"])
+    clients.before(gate, Ring, "__call__", lambda self, frame: [f"publish {self.index}"])
+    clients.before(gate, Ring, "_tell", clients.events_of)
+    clients.before(gate, ServiceManager, "tell", lambda self, *lines: [f"service {lines[0]}"])
 
 
 class _Torn:

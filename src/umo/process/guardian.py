@@ -161,10 +161,10 @@ class Guardian:
         calls.handle_signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
         flush()
         self._run_state.hold(Who.GUARDIAN)
+        self._workers.fork()  # before the frames: who holds their pipe hides the end of the run
         if why := self._watcher.make():
             self._say(f"this run cannot be watched or traced, and keeps no values: {why}")
         kept = kept_values.take_over(self._plan, self._say)
-        self._workers.fork()
         guardian = os.getpid()
         pid = self._run_state.fork(Who.CONTROL)
         if pid == 0:

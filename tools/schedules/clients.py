@@ -1,0 +1,292 @@
+"""The other programs of a world with clients: two that command the machine, the host of the faces with one face, and
+the recorder. All have umo's own code; what they ask for is written here.
+
+A starter forks them when its run publishes frames, and closes all but the descriptors of the frames in them, as
+programs have it that attach to a station. Each stands at its gate before it writes to memory that it shares with the
+machine, and when it has learnt something. Its exit status is 0 where it has done all that it was to do.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import os
+import signal
+from collections.abc import Callable, Coroutine, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from selectors import SelectorKey, SelectSelector
+from typing import Any
+
+from tools.schedules.gate import Gate
+from tools.schedules.machine import UNIT
+from tools.schedules.scheduler import CLIENTS
+from umo.clients.faces.face import Changes, Commands, Face, User
+from umo.clients.faces.host import FaceHost
+from umo.clients.remote.client_session import ClientSession
+from umo.cycle.events import Event
+from umo.errors import FramesError, UmoError
+from umo.operation.commands.verbs import CLEAR, GIVE_BACK, LET_GO, MODE, TAKE_LEASE, WRITE, Verb
+from umo.process.frames import Reader
+from umo.process.frames.memory import RunDescriptors
+from umo.process.frames.ring import Ring
+from umo.recording.record_settings import RecordSettings
+from umo.system import calls
+from umo_command.run.record_work import RecordingWork, record_to_the_end
+
+KINDS = OPERATOR, SUPERVISOR, FACES, RECORDER = CLIENTS
+WRITTEN = {OPERATOR: 3, SUPERVISOR: 4}
+"""The level that each writes; the application writes greater ones."""
+LEASE_SECONDS = 0.2
+LOOK, AGAIN = 0.01, 0.03
+"""Time in s from one look for an answer to the next, and from a refusal to the next attempt."""
+SUPERVISOR_BEGINS = 0.09
+"""Time in s after which the supervisor takes the lease over: the operator is at work."""
+HELD_LOOKS = 25
+"""Looks for which a client holds an actuator: longer than a lease lasts that nobody renews."""
+FACE_RATE = 50.0
+WATCHDOG = 60_000
+"""Time in us within which the service manager wants a sign of life: less than a control process may be silent for."""
+RUN_IS_OVER, NOT_DONE = 1, 3
+"""Exit statuses."""
+
+
+@dataclass
+class Program:
+    """One of these programs, in its process."""
+
+    gate: Gate
+    name: str
+    reader: Reader
+
+    def run(self, recording: Path) -> int:
+        """Its exit status."""
+        if self.name == RECORDER:
+            return _record(self.reader, recording)
+        if self.name == FACES:
+            return _serve(self.reader, self.gate)
+        return _Client(self).run()
+
+    def tell(self, text: str) -> None:
+        """Stand at the gate with what it has learnt."""
+        self.gate.stand(f"told {text}")
+
+
+def become(gate: Gate, name: str, ends: RunDescriptors, recording: Path) -> int:
+    """Be this program, in a process that was forked for it; its exit status."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    return Program(gate, name, Reader("the run", ends)).run(recording)
+
+
+# Two that command -----------------------------------------------------------------------------------------
+
+
+class _Client:
+    """Takes the lease, drives an output in manual mode for a while, and gives all back. A further request to stop the
+    machine comes as a signal (`What.ASK`)."""
+
+    def __init__(self, program: Program) -> None:
+        self._program, self._name = program, program.name
+        self._session = ClientSession(program.reader)
+        self._takes_over = self._name == SUPERVISOR
+        signal.signal(signal.SIGTERM, lambda *_: self._session.stop(self._name))
+
+    def run(self) -> int:
+        if self._takes_over:
+            calls.sleep(SUPERVISOR_BEGINS)
+        try:
+            while not self._work():
+                calls.sleep(AGAIN)
+        except FramesError as error:
+            self._program.tell(f"the run is over: {error}")
+            return RUN_IS_OVER
+        return 0
+
+    def _work(self) -> bool:
+        """Whether all was done; False: something was refused, and it begins again."""
+        steps = (
+            (TAKE_LEASE, "", {"seconds": LEASE_SECONDS, "over": self._takes_over}, 0),
+            (MODE, "", {"value": "manual"}, 0),
+            (WRITE, "motor", {"value": float(WRITTEN[self._name])}, HELD_LOOKS),
+            (LET_GO, "motor", {}, 0),
+            (MODE, "", {"value": "automatic"}, 0),
+            (GIVE_BACK, "", {}, 0),
+        )
+        return all(self._ask(*step) for step in steps)
+
+    def _ask(self, verb: Verb, path: str, fields: dict[str, Any], looks: int) -> bool:
+        asked = self._session.asking(verb.name, path, who=self._name, **fields)
+        try:
+            asked.send()
+            while asked.end is None:
+                self._pass()
+                asked.look()
+            asked.outcome()
+        except FramesError:
+            raise
+        except UmoError as error:
+            asked.forget()
+            self._program.tell(f"{verb.name} refused: {error}")
+            return False
+        self._program.tell(f"{verb.name} done")
+        for _ in range(looks):
+            self._pass()
+        return True
+
+    def _pass(self) -> None:
+        calls.sleep(LOOK)
+        self._session.keep()
+
+
+# The faces ------------------------------------------------------------------------------------------------
+
+
+class _OverError(Exception):
+    """The run is over, and no other one comes."""
+
+
+class _Panel(Face):
+    """A face whose user clears the unit when it is in fault, and then lets the application go on."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+        self._user = User(FACES, proved=True, is_owner=True, is_alive=lambda: True)
+        self._commanding: asyncio.Task[None] | None = None
+        self.is_done = False
+
+    async def begin(self, machine: Any, commands: Commands) -> None:
+        self._gate.stand("told begin")
+        self._commanding = asyncio.create_task(self._command(commands))
+
+    async def _command(self, commands: Commands) -> None:
+        try:
+            while not (await self._ask(commands, CLEAR, path=UNIT)).startswith("cleared"):
+                await asyncio.sleep(AGAIN)
+            while not await self._ask(commands, MODE, value="automatic"):
+                await asyncio.sleep(AGAIN)
+        except FramesError:
+            return
+        self.is_done = True
+
+    async def _ask(self, commands: Commands, verb: Verb, path: str = "", **more: Any) -> str:
+        """The answer; "": it was refused."""
+        try:
+            answer = await commands.ask(self._user, verb.name, path, **more)
+        except FramesError:
+            raise
+        except UmoError as error:
+            self._gate.stand(f"told {verb.name} refused: {error}")
+            return ""
+        self._gate.stand(f"told {verb.name} done")
+        return str(answer or verb.name)
+
+    async def frames(self, changes: Changes) -> None:
+        return
+
+    async def end(self, why: str) -> None:
+        self._gate.stand(f"told end: {why}")
+        if self._commanding is not None:
+            self._commanding.cancel()
+
+
+def _serve(reader: Reader, gate: Gate) -> int:
+    """The host of the faces for one run."""
+    readers = [reader]
+
+    def find() -> Reader:
+        if not readers:
+            raise _OverError
+        return readers.pop()
+
+    panel = _Panel(gate)
+    host = FaceHost(None, [("panel", panel)], rate=FACE_RATE, read_only=False, find=find, say=lambda text: None)
+    _in_loop(host.run())
+    return 0 if panel.is_done else NOT_DONE
+
+
+class Here(ThreadPoolExecutor):
+    """Carries out at once what is given to a thread: a process has one gate."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **more: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(function(*arguments, **more))
+        except BaseException as error:
+            future.set_exception(error)
+        return future
+
+
+class _Waits(SelectSelector):
+    """Waits on the clock of the world. Nobody but signals and timers wakes the loop of a host."""
+
+    def select(self, timeout: float | None = None) -> list[tuple[SelectorKey, int]]:
+        if found := super().select(0):
+            return found
+        if timeout is None or timeout > 0:
+            calls.sleep(1.0 if timeout is None else timeout)
+        return super().select(0)
+
+
+def _in_loop(work: Coroutine[Any, Any, None]) -> None:
+    loop = asyncio.SelectorEventLoop(_Waits())
+    loop.set_default_executor(Here(1))
+    try:
+        loop.run_until_complete(work)
+    except _OverError:
+        return
+    finally:
+        loop.close()
+
+
+# The recorder ---------------------------------------------------------------------------------------------
+
+
+def _record(reader: Reader, file: Path) -> int:
+    work = RecordingWork(reader, file, RecordSettings(), lambda text: None, threaded=False)
+    record_to_the_end(work, lambda: False, calls.sleep)
+    return NOT_DONE if work.failed else 0
+
+
+# Gates at what the machine and its clients share ------------------------------------------------------------
+
+
+class QueueLock:
+    """The lock of the queue of commands, with a gate before each call."""
+
+    LOCK_EX, LOCK_NB, LOCK_UN = fcntl.LOCK_EX, fcntl.LOCK_NB, fcntl.LOCK_UN
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+
+    def flock(self, file: int, how: int) -> None:
+        self._gate.stand("unlock queue" if how & fcntl.LOCK_UN else "lock queue")
+        fcntl.flock(file, how)
+
+
+def before(gate: Gate, owner: type, name: str, text: Callable[..., Sequence[str]]) -> None:
+    """Stand at the gate before each call of a method: once for each of these texts of its arguments."""
+    function = getattr(owner, name)
+
+    def gated(self: Any, *words: Any) -> Any:
+        for each in text(self, *words):
+            gate.stand(each)
+        return function(self, *words)
+
+    setattr(owner, name, gated)
+
+
+def events_of(ring: Ring) -> list[str]:
+    """The events that a ring is to publish, a line for each."""
+    new = ring._events.recent(ring._events.told - ring._told)
+    return [f"event {each.who or 'machine'} {each.state} {_subject(each)}" for each in new]
+
+
+def _subject(event: Event) -> str:
+    return f"{event.asked} {event.path}".strip() if event.command else event.text
+
+
+def environment(name: str) -> dict[str, str]:
+    """That of a service, for the socket of its manager."""
+    return {"NOTIFY_SOCKET": f"@{name}", "WATCHDOG_USEC": str(WATCHDOG), "WATCHDOG_PID": str(os.getpid())}
