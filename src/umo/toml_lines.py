@@ -1,5 +1,5 @@
-"""The line numbers of the keys in a TOML file, which Python's parser does not report. They are used only to report
-errors."""
+"""The line numbers of the keys in a TOML file, which Python's parser does not report, and hints for what it refuses.
+They are used only to report errors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,23 @@ def lines_of(text: str) -> dict[str, int]:
     return found
 
 
-def line_before(text: str, line: int) -> tuple[str, int] | None:
+def toml_hint(error: str, text: str) -> str:
+    """Return what was probably meant by a text that cannot be read as TOML with this error, to append to the error; ""
+    if that is not known."""
+    if error.startswith("Invalid value"):
+        return '; write a string in quotation marks: "tank"'
+    if error.startswith("Cannot declare"):
+        return "; write all keys of a table below one heading [table]"
+    if error.startswith("Cannot overwrite"):
+        place = re.search(r"at line (\d+)", error)
+        found = _line_before(text, int(place[1]) if place else text.count("\n") + 1)
+        return f"; give each key only once{f': {found[0]} is also in line {found[1]}' if found else ''}"
+    if "codec can't decode" in error:
+        return "; save the file as UTF-8"
+    return ""
+
+
+def _line_before(text: str, line: int) -> tuple[str, int] | None:
     """Return the key of the last statement up to a line, as written, and the first line of an earlier statement that
     has the same key or, without one, the key of a table around it. None if there is no such statement."""
     *before, last = [each for each in _statements(text) if each.paths and each.line <= line] or [_Statement(0, "", [])]

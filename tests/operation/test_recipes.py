@@ -164,6 +164,12 @@ def test_all_mistakes_of_all_files_are_told_with_their_lines(tmp_path: Path) -> 
     assert "c.toml: cannot be read" in fourth and "line 1" in fourth
 
 
+def test_a_key_that_is_given_twice_is_named_with_its_first_line(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("temperature = 30\nhold = 3\ntemperature = 40\n")
+    with pytest.raises(RecipeError, match="give each key only once: temperature is also in line 1"):
+        read_recipes(Batch, tmp_path)
+
+
 def test_one_file_may_have_a_table_for_each_recipe(tmp_path: Path) -> None:
     file = tmp_path / "all.toml"
     file.write_text("[one]\ntemperature = 30\n[two]\ntemperature = 40\n")

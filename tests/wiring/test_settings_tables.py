@@ -101,6 +101,12 @@ def test_a_file_that_cannot_be_read_is_told(tmp_path: Path, data: bytes, told: s
         read_settings(Table, file, 100)
 
 
+def test_a_key_that_is_given_twice_is_named_with_its_first_line(tmp_path: Path) -> None:
+    (tmp_path / "x.toml").write_text('keep = "5 min"\nrate = 1\nkeep = "6 min"\n')
+    with pytest.raises(OptionError, match="give each key only once: keep is also in line 1"):
+        read_settings(Table, tmp_path / "x.toml")
+
+
 def test_a_secret_that_others_may_write_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "x.toml"
     file.write_text("cores = 2\n")

@@ -19,7 +19,7 @@ from umo.errors import DeclarationError, Mistake, RecipeError, UmoError
 from umo.operation.recipe_values import plain, range_of, value_for
 from umo.signature import hints_of
 from umo.text import did_you_mean
-from umo.toml_lines import lines_of
+from umo.toml_lines import lines_of, toml_hint
 
 MAX_FILE = 1_000_000
 """Largest size of a file of recipes, in bytes."""
@@ -148,6 +148,7 @@ def read_recipes(kind: type[R], place: Path) -> dict[str, R]:
 
 
 def _load(file: Path) -> tuple[str, dict[str, Any]]:
+    text = ""
     try:
         with file.open("rb") as stream:
             raw = stream.read(MAX_FILE + 1)
@@ -158,7 +159,7 @@ def _load(file: Path) -> tuple[str, dict[str, Any]]:
     except FileNotFoundError:
         message = "no such file"
     except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors
-        message = f"cannot be read: {error}"
+        message = f"cannot be read: {error}{toml_hint(str(error), text)}"
     except RecursionError:
         message = "cannot be read: it is nested too deeply"
     raise RecipeError("the recipes are refused", [Mistake(str(file), "", message)])

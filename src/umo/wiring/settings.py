@@ -22,7 +22,7 @@ from umo.duration import seconds, seconds_of_setting
 from umo.errors import DeclarationError, Mistake, OptionError, UmoError
 from umo.signature import hints_of
 from umo.text import cut_repr, did_you_mean
-from umo.toml_lines import line_of, lines_of
+from umo.toml_lines import line_of, lines_of, toml_hint
 
 S = TypeVar("S")
 COMMAND_LINE = "the command line"
@@ -227,11 +227,12 @@ def read_settings(kind: type[S], file: Path, most: int = 1 << 20, secret: bool =
 
 def settings_in(kind: type[S], data: bytes, file: Path) -> S:
     """Return the settings in the present or future content of a file. Raises OptionError."""
+    text = ""
     try:
         text = data.decode("utf-8-sig")  # Windows may begin it with a mark
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise OptionError(f"{file}: {error}") from None
+        raise OptionError(f"{file}: {error}{toml_hint(str(error), text)}") from None
     return settings_of(kind, table, str(file), lines=lines_of(text))
 
 

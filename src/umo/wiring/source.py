@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,7 +12,7 @@ from umo.drivers.contract import Driver
 from umo.errors import Mistake, text_of
 from umo.system.packages import package_of, station_of
 from umo.text import cut_repr, did_you_mean
-from umo.toml_lines import line_before, line_of, lines_of
+from umo.toml_lines import line_of, lines_of, toml_hint
 
 if TYPE_CHECKING:
     from umo.wiring.schema import Entry
@@ -93,23 +92,8 @@ def _load(source: WiringSource, path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         source.mistake("", "no such file")
     except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors
-        source.mistake("", f"cannot be read: {error}{_toml_hint(str(error), source.text)}")
+        source.mistake("", f"cannot be read: {error}{toml_hint(str(error), source.text)}")
     return {}
-
-
-def _toml_hint(error: str, text: str) -> str:
-    """Return what was probably meant by text that TOML refuses."""
-    if error.startswith("Invalid value"):
-        return '; write a string in quotation marks: "tank"'
-    if error.startswith("Cannot declare"):
-        return "; write all keys of a table below one heading [table]"
-    if error.startswith("Cannot overwrite"):
-        place = re.search(r"at line (\d+)", error)
-        found = line_before(text, int(place[1]) if place else text.count("\n") + 1)
-        return f"; give each key only once{f': {found[0]} is also in line {found[1]}' if found else ''}"
-    if "codec can't decode" in error:
-        return "; save the file as UTF-8"
-    return ""
 
 
 def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
