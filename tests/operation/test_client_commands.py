@@ -452,6 +452,19 @@ def test_a_command_of_a_client_that_has_died_since_begins_nothing() -> None:
         assert rig.m.heater.read() == rig.m.heater.default
 
 
+def test_a_heartbeat_of_the_former_holder_that_comes_late_refuses_nobody() -> None:
+    with Rig() as rig:
+        rig.do("lease", key="b")
+        former = rig.leases["b"]
+        rig.do("lease", over=True)
+        rig.sign("heater")
+        rig.letters.signs |= dict.fromkeys(("", "heater"), (former, rig.now))  # written over those of the holder
+        rig.send("write", "heater", 5.0)
+        rig.periods()
+        assert rig.last()[0] is CommandState.DONE
+        assert rig.m.heater.read() == 5.0
+
+
 WRONG = [float("nan"), float("inf"), float("-inf"), -1.0, 0.0, BOOT - 1.0, BOOT + 1e6, 1e300]
 
 

@@ -12,13 +12,15 @@ import pytest
 from tools.schedules.client_promises import (
     ClientsEnd,
     answers_are_so,
+    clients_end_well,
     faces_learn_of_the_end,
+    holds_end,
     only_the_holder_commands,
-    others_get_done,
+    recording_is_whole,
     service_is_told_truly,
 )
 from tools.schedules.faults import parsed
-from tools.schedules.shared import START
+from tools.schedules.shared import START, Move, Moved
 from umo.cycle.stage import Stage
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the processes of a run need Linux")
@@ -28,16 +30,20 @@ EXPIRED = "control: event machine none the lease of operator has ended, because 
 RUNS = f"control: enter {Stage.RUNNING}"
 
 
-def ended(*lines: str, faults: str = "", processes: Any = ()) -> ClientsEnd:
-    """A world with these steps, 10 ms one after the other."""
-    texts = [f"{10.0 * number:.3f} {line} -> 0" for number, line in enumerate(lines)]
+def ended(*lines: str, faults: str = "", processes: Any = (), levels: Any = ()) -> ClientsEnd:
+    """A world with these steps, 10 ms one after the other, and these levels of the first device, with their times."""
+    texts = [f"{10.0 * number:.3f} {line} -> 1" for number, line in enumerate(lines)]
     came = list(parsed(f"0 clients: {faults}").faults)
-    scheduler: Any = SimpleNamespace(lines=texts, processes=list(processes), came=came)
+    moves = [Moved(0, 0, Move.WRITE, level, START + round(time * 1e9)) for time, level in levels]
+    memory = SimpleNamespace(moves=moves)
+    clock = START + 10**10
+    scheduler: Any = SimpleNamespace(lines=texts, processes=list(processes), came=came, memory=memory, clock=clock)
     return ClientsEnd(scheduler, Path("none.mcap"))
 
 
 def process(name: str, ended_at: float) -> Any:
-    return SimpleNamespace(name=name, is_dead=True, ended_at=START + round(ended_at * 1e9), ended_by="exit")
+    at = START + round(ended_at * 1e9)
+    return SimpleNamespace(name=name, is_dead=True, ended_at=at, lost_at=at, ended_by="exit")
 
 
 @pytest.mark.parametrize(
@@ -72,11 +78,48 @@ def test_an_answer_that_the_machine_has_not_given_is_found() -> None:
     assert [*answers_are_so(ended(TAKEN, own))] == []
 
 
+def test_a_client_that_is_refused_as_dead_and_lives_is_found() -> None:
+    lines = ["control: event operator refused write", "operator: told write refused: motor: dead-man timeout: no"]
+    assert len([*answers_are_so(ended(*lines))]) == 1
+    assert [*answers_are_so(ended(*lines, faults="hold operator 700ms at operator:3"))] == []
+
+
+@pytest.mark.parametrize(
+    ("lines", "lost_at", "levels", "told"),
+    [
+        ([TAKEN], 0.1, [(0.05, 3), (0.3, 0)], ""),
+        ([TAKEN], 0.1, [(0.05, 3), (0.7, 0)], "600 ms after it was lost"),
+        ([TAKEN, OVER], 9.0, [(0.005, 3), (0.03, 4)], ""),
+        ([TAKEN, OVER], 9.0, [(0.005, 3), (0.2, 4)], "190 ms after it has lost the lease"),
+        ([TAKEN, EXPIRED], 9.0, [(0.005, 3), (0.2, 0)], "190 ms after it has lost the lease"),
+        ([TAKEN, OVER], 9.0, [(0.005, 7), (0.2, 0)], ""),
+    ],
+)
+def test_what_a_client_has_written_and_stays_is_found(
+    lines: list[str], lost_at: float, levels: list[tuple[float, int]], told: str
+) -> None:
+    found = [*holds_end(ended(*lines, processes=[process("operator", lost_at)], levels=levels))]
+    assert told in found[0] if told else found == []
+
+
 def test_a_client_that_does_not_get_done_is_found_where_only_others_were_killed() -> None:
-    exits = ["operator: exit 0", "supervisor: exit 1", "faces: exit 0", "recorder: exit 0"]
-    assert [*others_get_done(ended(*exits))] == ["nothing has happened to supervisor, and it ended with exit 1"]
-    assert [*others_get_done(ended(*exits, faults="kill supervisor at supervisor:3"))] == []
-    assert [*others_get_done(ended(*exits, faults="kill control at supervisor:3"))] == []
+    exits = ["operator: exit 0", "supervisor: exit 1", "faces: exit 0", "recorder: exit 0", "control: exit 0"]
+    assert [*clients_end_well(ended(*exits))] == ["nothing has happened to supervisor, and it ended with 1"]
+    assert [*clients_end_well(ended(*exits, faults="kill supervisor at supervisor:3"))] == []
+    assert [*clients_end_well(ended(*exits, faults="kill control at supervisor:3"))] == []
+
+
+def test_a_client_that_ends_by_an_exception_is_found() -> None:
+    faults = "kill control at supervisor:3"
+    assert [*clients_end_well(ended("faces: exit 97", faults=faults))] == ["faces has ended with status 97"]
+
+
+def test_a_recorder_that_has_recorded_nothing_is_found() -> None:
+    published = ["control: publish 0", "control: publish 1"]
+    ends = [process("control", 1.0), process("recorder", 1.0)]
+    (found,) = recording_is_whole(ended(*published, processes=ends))
+    assert "nothing was recorded of 2 periods" in found
+    assert [*recording_is_whole(ended(*published, processes=ends[:1]))] == []
 
 
 def test_faces_that_learn_of_the_end_too_late_are_found() -> None:
@@ -91,7 +134,7 @@ def test_faces_that_learn_of_the_end_too_late_are_found() -> None:
 @pytest.mark.parametrize(
     ("lines", "told"),
     [
-        ([RUNS, "guardian: service READY=1", "guardian: service WATCHDOG=1", "control: publish 0",
+        ([RUNS, "guardian: service READY=1", "guardian: service WATCHDOG=1", "control: beat", "guardian: poll",
           "guardian: service WATCHDOG=1", "guardian: service STOPPING=1", "guardian: send ended"], ""),
         (["guardian: service STOPPING=1", "guardian: send ended"], ""),
         (["guardian: service READY=1"], "before the machine runs"),

@@ -57,6 +57,25 @@ def test_a_reader_that_nobody_closes_gives_its_descriptors_back() -> None:
         until(lambda: len(os.listdir("/proc/self/fd")) <= before)  # the server's thread closes its own end in its time
 
 
+@pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
+def test_a_process_that_the_program_forked_does_not_hide_the_end_of_the_run() -> None:
+    held, release = os.pipe()
+    with running() as (_, ring, _connection):
+        reader = Reader(ring.path)
+        pid = os.fork()
+        if pid == 0:
+            os.close(release)
+            os.read(held, 1)
+            os._exit(0)
+    try:
+        assert not reader.alive
+    finally:
+        os.close(release)
+        os.waitpid(pid, 0)
+        os.close(held)
+        reader.close()
+
+
 @pytest.mark.full
 def test_rings_can_be_made_while_others_list_them() -> None:
     with process(LISTER) as lister:

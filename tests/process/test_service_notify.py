@@ -167,6 +167,19 @@ def test_a_heartbeat_is_passed_on_only_if_a_new_one_came(supervisor: Supervisor)
     assert messages(supervisor) == [notify.ALIVE]
 
 
+def test_who_takes_over_passes_on_no_heartbeat_that_was_passed_on(supervisor: Supervisor) -> None:
+    state, time = RunState(), Time()
+    report = ServiceReport(ServiceManager(supervisor.address, 10.0), state, lambda: None, time)
+    state.enter(Stage.RUNNING)
+    state.beat()
+    report.take_over()
+    report.look()
+    assert notify.ALIVE not in messages(supervisor)
+    state.beat()
+    report.look()
+    assert messages(supervisor) == [notify.ALIVE]
+
+
 def test_the_stop_is_told_once_and_nothing_after_it(supervisor: Supervisor) -> None:
     state = RunState()
     report = ServiceReport(ServiceManager(supervisor.address, 10.0), state, lambda: None)

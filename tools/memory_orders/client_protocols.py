@@ -10,6 +10,7 @@ from typing import Any
 
 from tools.memory_orders.explore import Model
 from tools.memory_orders.threads import Access, Call, Shape, Thread, demand
+from umo.cycle.stage import Stage
 from umo.errors import CommandRefused
 from umo.process.frames import client_memory
 from umo.process.frames import command_queue as queue_module
@@ -39,6 +40,8 @@ QUEUE_SHAPE = Shape(
 
 
 class _Taken:
+    state = Stage.RUNNING
+
     def __init__(self, memory: Access) -> None:
         self._memory = memory
 

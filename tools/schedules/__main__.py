@@ -96,7 +96,13 @@ def main() -> int:
         players = [stack.enter_context(Player()) for _ in range(given.jobs)]
         if given.hunt:
             return run(
-                islice(chain(map(parsed, given.begin_with), hunt(gates_of(players[0], 0))), given.hunt),
+                islice(
+                    chain(
+                        map(parsed, given.begin_with),
+                        hunt(gates_of(players[0], 0), gates_of(players[0], 0, clients=True)),
+                    ),
+                    given.hunt,
+                ),
                 players,
                 until_wrong=True,
                 shown=0,

@@ -277,7 +277,9 @@ def at_random(seeds: Iterable[int], gates: Mapping[str, int], count: int = 3) ->
                 moment = _some_moment(chance, gates)
             what, who = chance.choice(kinds), chance.choice([*gates])
             lasting = chance.choice(HOLDS) if what is What.HOLD else 0
-            faults.append(Fault(what, "" if what is What.ASK else who, moment, lasting))
+            if what is What.ASK:
+                who = chance.choice(["", *COMMANDERS]) if COMMANDERS[0] in gates else ""
+            faults.append(Fault(what, who, moment, lasting))
         yield Schedule(seed, tuple(faults))
 
 
@@ -285,8 +287,9 @@ HUNTED_EVERY = 3
 """The gates of a hunt: each third."""
 
 
-def hunt(gates: Mapping[str, int]) -> Iterator[Schedule]:
-    """What finds a fault of umo soonest: the named cases, then some of all kinds in turns."""
+def hunt(gates: Mapping[str, int], with_clients: Mapping[str, int]) -> Iterator[Schedule]:
+    """What finds a fault of umo soonest: the named cases, then some of all kinds in turns. The numbers of gates are
+    those of a simple world, and of one with clients."""
     yield from cases()
     some = {who: count for who, count in gates.items() if who != "starter"}
     kinds: list[Iterable[Schedule]] = [
@@ -304,6 +307,7 @@ def hunt(gates: Mapping[str, int]) -> Iterator[Schedule]:
         ),
         in_worlds(silences(0, gates), long=True),
         at_random(range(1, 10_000), gates),
+        in_worlds(at_random(range(1, 10_000), with_clients), clients=True),
     ]
     for several in zip_longest(*(islice(each, 1, None, HUNTED_EVERY) for each in kinds)):
         yield from filter(None, several)

@@ -12,8 +12,10 @@ import asyncio
 import fcntl
 import os
 import signal
-from collections.abc import Callable, Coroutine, Sequence
+import socket
+from collections.abc import Callable, Coroutine
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from selectors import SelectorKey, SelectSelector
@@ -91,7 +93,11 @@ class _Client:
         self._program, self._name = program, program.name
         self._session = ClientSession(program.reader)
         self._takes_over = self._name == SUPERVISOR
-        signal.signal(signal.SIGTERM, lambda *_: self._session.stop(self._name))
+        signal.signal(signal.SIGTERM, self._stop)
+
+    def _stop(self, number: int, frame: object) -> None:
+        with suppress(FramesError):  # the run has ended
+            self._session.stop(self._name)
 
     def run(self) -> int:
         if self._takes_over:
@@ -265,18 +271,6 @@ class QueueLock:
         fcntl.flock(file, how)
 
 
-def before(gate: Gate, owner: type, name: str, text: Callable[..., Sequence[str]]) -> None:
-    """Stand at the gate before each call of a method: once for each of these texts of its arguments."""
-    function = getattr(owner, name)
-
-    def gated(self: Any, *words: Any) -> Any:
-        for each in text(self, *words):
-            gate.stand(each)
-        return function(self, *words)
-
-    setattr(owner, name, gated)
-
-
 def events_of(ring: Ring) -> list[str]:
     """The events that a ring is to publish, a line for each."""
     new = ring._events.recent(ring._events.told - ring._told)
@@ -287,6 +281,17 @@ def _subject(event: Event) -> str:
     return f"{event.asked} {event.path}".strip() if event.command else event.text
 
 
-def environment(name: str) -> dict[str, str]:
-    """That of a service, for the socket of its manager."""
-    return {"NOTIFY_SOCKET": f"@{name}", "WATCHDOG_USEC": str(WATCHDOG), "WATCHDOG_PID": str(os.getpid())}
+class Manager:
+    """The service manager of a run, in the process that has started it: who tells it more than it has room for has to
+    tell it again (`umo.system.notify`)."""
+
+    def __init__(self, name: str) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(f"\0{name}")
+        os.environ.update(NOTIFY_SOCKET=f"@{name}", WATCHDOG_USEC=str(WATCHDOG), WATCHDOG_PID=str(os.getpid()))
+
+    def read(self) -> None:
+        with suppress(BlockingIOError):
+            while True:
+                self._socket.recv(1 << 12)

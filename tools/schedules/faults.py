@@ -3,8 +3,8 @@
     0: kill control at guardian:12; hold guardian 60ms at guardian:12; ask at 31.5ms; silent d2 500ms at control:9+2ms
 
 After the seed, `frames` says that the run publishes frames, has a keeper and writes black boxes, `long` that its
-application goes on for longer than any process is waited for that is to end it, and `clients` both, with programs that
-attach to it and a service manager: `0 frames: ...`, `0 long: ...`, `0 clients: ...`.
+application goes on for longer than any process is waited for that is to end it, and `clients` that it has frames,
+programs that attach to it, and a service manager: `0 frames: ...`, `0 long: ...`, `0 clients: ...`.
 
 A moment is a gate of a process, by its number from 1; or a time after that; or a time since the start of the world.
 Faults of one moment come together.
@@ -88,7 +88,8 @@ class Fault:
 @dataclass(frozen=True)
 class Schedule:
     """`seed`: of the order of the processes; 0: each in turn. `frames`: whether the run publishes them. `long`: whether
-    its application goes on for long. `clients`: both, with programs that attach to it."""
+    its application goes on for long. `clients`: frames, an application that goes on until the programs that attach to
+    it are done, and these."""
 
     seed: int = 0
     faults: Sequence[Fault] = ()

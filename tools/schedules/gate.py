@@ -27,6 +27,7 @@ from umo.system import calls
 FOREVER = 1 << 62
 """ns."""
 NS = 1_000_000_000
+CRASHED = 97
 MAX_NAME_BYTES = 107
 """Bytes of the name of a socket (unix(7))."""
 SIGACTION_BYTES = 256
@@ -168,21 +169,21 @@ class Gate:
     def _become_program(self, files: Sequence[int], environ: Mapping[str, str]) -> NoReturn:
         """The program that was started, in a process that was forked."""
         os.environ.update(environ)
-        self._be_program(files, lambda: self.starts(files, environ))
+        self._be_program(files, lambda: self.starts(files, environ), 1)
 
-    def become(self, kind: str, files: Sequence[int], program: Callable[[], int]) -> None:
-        """Fork a process that inherits these descriptors, and is this program."""
+    def start(self, kind: str, files: Sequence[int], program: Callable[[], int]) -> None:
+        """Fork a process that inherits these descriptors, and is this program. Its exit status is `CRASHED` where it
+        ends by an exception."""
         self.next_kind = kind
         if self.fork() == 0:
-            self._be_program(files, program)
+            self._be_program(files, program, CRASHED)
 
-    def _be_program(self, files: Sequence[int], program: Callable[[], int]) -> NoReturn:
+    def _be_program(self, files: Sequence[int], program: Callable[[], int], status: int) -> NoReturn:
         """What starting a program does to a process that was forked, and then the program."""
         _close_all_but(files)
         os.setsid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
-        status = 1
         try:
             status = program()
         except BaseException:
@@ -371,6 +372,22 @@ class Gate:
     def _to_disk(self, text: str) -> None:
         self.stand(text, Effect.DISK)
         self._fail_if_told()
+
+
+def stand_before(gate: Gate, owner: type, name: str, texts: Callable[..., Sequence[str]]) -> None:
+    """From now on this process stands at its gate before each call of a method: once for each text that `texts` makes
+    of the object and the arguments. The answer is noted where it is a truth value."""
+    function = getattr(owner, name)
+
+    def gated(self: Any, *words: Any) -> Any:
+        for each in texts(self, *words):
+            gate.stand(each)
+        answer = function(self, *words)
+        if isinstance(answer, bool):
+            gate._answer(answer)
+        return answer
+
+    setattr(owner, name, gated)
 
 
 GATED = [name for name in vars(Gate) if name in _real or name in ("read", "now", "sleep")]

@@ -21,6 +21,7 @@ FOLLOWERS = ("standby", "reserve")
 """Those that take the place of a guardian."""
 DRIVES = re.compile(r"\w+: d\d WRITE [1-9]")
 ENDS_RUN = re.compile(r"\S+ (\w+): (?:conclude|send ended|note_told) ")
+MODE = re.compile(r": event .+ done mode (\w+)")
 OUTPUTS = {"d1": "motor", "d2": "heater"}
 """The path of the output of each device."""
 
@@ -164,11 +165,17 @@ def all_end(end: End) -> Iterator[str]:
     elif scheduler.why_over:
         yield scheduler.why_over
     able = scheduler.able_at_last_fault & {*RESETTING}
-    if scheduler.driven_when_asked and able and not scheduler.schedule.clients:  # these may leave it in manual mode
+    if scheduler.driven_when_asked and able and not _is_manual(scheduler):
         yield f"it was driven until it was asked to stop; left at the last fault: {', '.join(sorted(able))}"
     for process in scheduler.processes:
         if process.ended_by == "crash":
             yield f"{process.name} has crashed"
+
+
+def _is_manual(scheduler: Scheduler) -> bool:
+    """Whether a client has left the machine in manual mode, in which nothing ends by itself."""
+    modes = [match[1] for line in scheduler.lines if (match := MODE.search(line))]
+    return modes[-1:] == ["manual"]
 
 
 def nobody_is_left(end: End) -> Iterator[str]:

@@ -481,7 +481,7 @@ class Scheduler:
     def _do(self, fault: Fault) -> None:
         process = self.named(fault.who)
         self._note(f"fault: {fault}")
-        if fault.what is not What.ASK or not fault.who or (process is not None and not process.is_dead):
+        if fault.who not in CLIENTS or (process is not None and not process.is_dead):
             self.came.append(fault)
         if fault.what is What.ASK and not fault.who:
             self._ask()

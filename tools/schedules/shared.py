@@ -20,7 +20,7 @@ SEMAPHORE_BYTES = 32
 SLOTS = 64
 """Number of processes in one world at most, dead ones too."""
 SLOT_CELLS = 16
-TEXT_BYTES = 80
+TEXT_BYTES = 160
 DEVICES = ("d1", "d2")
 MAX_MOVES = 4096
 MOVE_CELLS = 5

@@ -25,7 +25,7 @@ MOVE = re.compile(r"\w+: (d\d) (?:WRITE|RESET|INITIALIZE) (-?\d+) ")
 def is_in_model(schedule: Schedule) -> bool:
     """Whether the model has all of its faults."""
     kinds = {fault.what for fault in schedule.faults}
-    return kinds <= {What.KILL, What.STOP, What.HOLD} and not schedule.frames
+    return kinds <= {What.KILL, What.STOP, What.HOLD} and not (schedule.frames or schedule.clients)
 
 
 def follow(schedule: Schedule, lines: Sequence[str]) -> str:

@@ -10,7 +10,6 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -28,7 +27,7 @@ import umo.process.worker as worker
 import umo.system.processes as processes
 from tools.schedules import clients, machine
 from tools.schedules.faults import Schedule
-from tools.schedules.gate import Gate
+from tools.schedules.gate import Gate, stand_before
 from tools.schedules.shared import Memory
 from umo.drivers.off_cycle import OffCycle
 from umo.process.frame_watcher import FrameWatcher
@@ -108,27 +107,28 @@ class World:
         install(gate, self._plans[schedule.clients])
         _change(control_process, "job_facts", lambda *_: self._facts[schedule.clients])
         machine.periods[0] = machine.LONG if schedule.long else machine.PERIODS
+        manager = None
         if schedule.clients:
             machine.periods[0] = machine.WITH_CLIENTS
             _stand_at_clients(gate)
-            os.environ.update(clients.environment(self._prefix))
+            manager = clients.Manager(self._prefix)
         elif not schedule.frames:
             _change(FrameWatcher, "make", lambda self: "")
         gate.begin()
-        recording = self._recording if schedule.clients else None
-        Starter(self._jobs[schedule.clients], self._memory, gate, recording).run()
+        Starter(self._jobs[schedule.clients], self._memory, gate, manager, self._recording).run()
         calls.exit_now(0)
 
 
 class Starter:
-    """The process that has started the run and waits for its end, as `umo run` does. `recording`: that of a world with
-    clients, which it starts too; None where there are none."""
+    """The process that has started the run and waits for its end, as `umo run` does. In a world with clients it is the
+    service manager too (`manager`), and starts the clients, one of which makes a recording."""
 
-    def __init__(self, job: Job, memory: Memory, gate: Gate, recording: Path | None) -> None:
-        self._memory, self._gate, self._recording = memory, gate, recording
+    def __init__(self, job: Job, memory: Memory, gate: Gate, manager: clients.Manager | None, recording: Path) -> None:
+        self._memory, self._gate, self._manager, self._recording = memory, gate, manager, recording
+        self._has_clients = manager is None
         self._started: Started | None = None
         signal.signal(signal.SIGTERM, self._ask)
-        self._started = Started(job, is_service=recording is not None)
+        self._started = Started(job, is_service=manager is not None)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         if self._started is not None:
@@ -138,15 +138,18 @@ class Starter:
         assert self._started is not None
         while (outcome := self._started.outcome) is None:
             self._started.poll(0.1)
-            if self._recording is not None and self._started.frames is not None:
-                self._start_clients(self._started.frames, self._recording)
-                self._recording = None
+            if self._manager is not None:
+                self._manager.read()
+            if not self._has_clients and self._started.frames is not None:
+                self._has_clients = True
+                self._start_clients(self._started.frames)
         self._memory.put_outcome(outcome.encode())
 
-    def _start_clients(self, reader: Reader, recording: Path) -> None:
-        assert reader.ends is not None
+    def _start_clients(self, reader: Reader) -> None:
+        ends, gate = reader.ends, self._gate
+        assert ends is not None
         for name in clients.KINDS:
-            self._gate.become(name, reader.ends, partial(clients.become, self._gate, name, reader.ends, recording))
+            gate.start(name, ends, partial(clients.become, gate, name, ends, self._recording))
 
 
 # What is different in a world -----------------------------------------------------------------------------
@@ -216,12 +219,13 @@ def _stand_at_clients(gate: Gate) -> None:
     may see."""
     _change(command_queue, "fcntl", clients.QueueLock(gate))
     _change(gateway, "SENDER", clients.Here(1))
-    clients.before(gate, ClientMemory, "ask_to_stop", lambda self, number, who: [f"ask to stop {who}"])
-    clients.before(gate, ClientMemory, "sign", lambda self, path, lease, now: [f"sign {path or 'lease'}"])
-    clients.before(gate, command_queue.Sender, "_put", lambda self, head, text: [f"put command {head + 1}"])
-    clients.before(gate, Ring, "__call__", lambda self, frame: [f"publish {self.index}"])
-    clients.before(gate, Ring, "_tell", clients.events_of)
-    clients.before(gate, ServiceManager, "tell", lambda self, *lines: [f"service {lines[0]}"])
+    stand_before(gate, ClientMemory, "ask_to_stop", lambda self, number, who: [f"ask to stop {who}"])
+    stand_before(gate, ClientMemory, "sign", lambda self, path, lease, now: [f"sign {path or 'lease'}"])
+    stand_before(gate, command_queue.Sender, "_put", lambda self, head, text: [f"put command {head + 1}"])
+    stand_before(gate, Ring, "__call__", lambda self, frame: [f"publish {self.index}"])
+    stand_before(gate, Ring, "_tell", clients.events_of)
+    stand_before(gate, RunState, "beat", lambda self: ["beat"])
+    stand_before(gate, ServiceManager, "tell", lambda self, *lines: [f"service {lines[0]}"])
 
 
 class _Torn:
@@ -247,15 +251,6 @@ def _stand_at_memory(gate: Gate) -> None:
         for text in (self._report, self._outcome):
             text._memory = _Torn(gate, text._memory)  # type: ignore[assignment]
 
-    def before(name: str) -> None:
-        function: Callable[..., Any] = getattr(RunState, name)
-
-        def stand(self: RunState, *words: Any) -> Any:
-            gate.stand(" ".join([name, *map(str, words)]))
-            return function(self, *words)
-
-        _change(RunState, name, stand)
-
     _change(RunState, "__init__", made)
     for name in ("enter", "ask", "admit", "conclude", "note_told"):
-        before(name)
+        stand_before(gate, RunState, name, lambda self, *words, name=name: [" ".join([name, *map(str, words)])])

@@ -134,6 +134,7 @@ class Control:
         frames, self._frames = self._frames, None
         if frames is not None:
             calls.close(frames[0].alive)
+            frames[1].leave()
 
     def say_how_it_ended(self, outcome: Outcome) -> None:
         """Print how the run ended. This text remains if all processes that could add to it are killed. An unsafe end

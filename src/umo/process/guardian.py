@@ -217,6 +217,7 @@ class Guardian:
             outcome = self._end.step_in(self._control, f"the {self._end.title} failed: {text_of(error)}", self._say)
         with suppress(Exception):
             self._run_state.settle(outcome.encode())
+        self._tell_service()
         self._end.tell(outcome)
         return outcome
 
@@ -225,6 +226,7 @@ class Guardian:
         with suppress(Exception):
             realtime.prepare_guardian(self._process.priority, self._process.cpu)
         self._is_standby = True
+        self._service.take_over()
         self._end.hand_over()
         settled = Outcome.decode(self._run_state.settled())
         if settled is not None:
@@ -235,7 +237,7 @@ class Guardian:
 
     def _keep(self, control: ControlWatch) -> Outcome:
         hung = self._watch(control)
-        self._try(lambda: self._service.stopping(hung or "every actuator goes to its default"))
+        self._tell_service(hung)
         outcome = Outcome.decode(self._run_state.reported()) if self._run_state.stage is Stage.ENDED else None
         if outcome is None:
             why = control.silent(hung, self._watcher.moment) if hung else ""
@@ -244,6 +246,10 @@ class Guardian:
             control.process.send(signal.SIGKILL)
         control.is_dead(DEATH_TIMEOUT)
         return self._end.settle(control.is_dead, outcome, self._say)
+
+    def _tell_service(self, hung: str = "") -> None:
+        """Tell the service manager that the machine stops, unless it was told."""
+        self._try(lambda: self._service.stopping(hung or "every actuator goes to its default"))
 
     # While it runs -------------------------------------------------------------------------------------
 

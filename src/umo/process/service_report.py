@@ -71,8 +71,13 @@ class ServiceReport:
             self._next_status = now + STATUS_INTERVAL
             self._tell_status()
 
+    def take_over(self) -> None:
+        """Begin in the process that takes the guardian's place. The guardian has passed on the last heartbeat."""
+        self._beat = self._run_state.last_beat
+
     def stopping(self, why: str) -> None:
-        """Report once that the machine stops. Then the manager's watchdog ends, and its timeout of the stop begins."""
+        """Report once that the machine stops. Then the manager's watchdog ends, and its timeout of the stop begins. If
+        the manager has no room for the message, nothing is reported, and a further call reports it."""
         if self._manager.listens and not self._is_stopping:
             if self._has_run():  # a run may be over between two looks; one that was never ready counts as failed
                 self._ready()

@@ -15,8 +15,10 @@ from helpers.own_modules import texts
 from helpers.tiers import budget, some
 from umo.clients.remote.client_session import LEASE_TIME
 from umo.cycle.events import CommandState
-from umo.errors import CommandRefused
+from umo.cycle.stage import Stage
+from umo.errors import CommandRefused, FramesError
 from umo.operation.commands.client_commands import DEAD_MAN_TIME
+from umo.process.frames import Reader
 from umo.process.frames import command_queue as queue
 from umo.process.frames.client_memory import QUEUE, SLOT, SLOTS, ClientMemory
 
@@ -260,3 +262,28 @@ def test_of_many_clients_at_once_each_command_is_answered_once_and_done_at_most_
         assert sorted(world.m.counted) == sorted(
             number for number, command in crowd.asked.items() if command in world.done
         )
+
+
+def test_an_answer_that_was_overwritten_before_it_was_read_is_told_as_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    with client_world() as world:
+        client, other = world.client("a"), world.client("b")
+        asked = client.asking("lease", seconds=LEASE_TIME)
+        asked.send()
+        world.step()
+        other.do("acknowledge")
+        reader = client.session.reader
+        events = reader.events
+        monkeypatch.setattr(reader, "events", lambda start=0: [each for each in events(start) if each.number > start])
+        with pytest.raises(FramesError, match="it is not known whether the command was carried out"):
+            asked.look()
+
+
+def test_a_full_queue_of_a_run_that_has_ended_is_told_as_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    with client_world() as world:
+        client = world.client("a")
+        for _ in range(SLOTS):
+            client.asking("acknowledge").send()
+        monkeypatch.setattr(Reader, "state", Stage.ENDED)
+        assert client.session._sender is not None
+        with pytest.raises(FramesError, match="has ended"):
+            client.session._sender.send({"do": "acknowledge"})

@@ -231,11 +231,12 @@ class PendingCommand:
 
     def look(self) -> list[Event]:
         """Return new answers. Raises CommandRefused if no answer has arrived in time, and FramesError if none can
-        arrive any more."""
+        arrive any more, or if events were overwritten before they were read, and the answer may be among them."""
         reader = self._session.reader
         ended = reader.state is Stage.ENDED  # before the events: the last of them may be the answer
-        events = reader.events(self._next)
+        events, lost = reader.events(self._next), False
         if events:
+            lost = events[-1].number + 1 - self._next > len(events)
             self._next = events[-1].number + 1
         found = [with_nearest(each.event, reader.layout) for each in events if each.event.command == self.number]
         self.begun = self.begun or bool(found)
@@ -243,6 +244,11 @@ class PendingCommand:
         if end is not None and self.end is None:
             self.end = end
             self._has_ended(end)
+        if self.end is None and not found and lost:
+            raise FramesError(
+                "the machine's answer may have been overwritten before it was read; it is not known whether the "
+                "command was carried out"
+            )
         if self.end is None and not found and ended:
             raise FramesError(f"{reader.about['station']} ended before the machine answered")
         if not self.begun and self._session.clock() - self._sent > self._limit * 1e9:

@@ -112,7 +112,8 @@ class Lease:
         """Number of the lease, counted from 1."""
         self._key = ""
         self._seconds = 0.0
-        self._signed = 0.0
+        self.signed = 0.0
+        """The time of the holder's last heartbeat."""
 
     def acquire(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
         """Take the lease. Return True if the lease was taken over from another client. Raises LeaseHeld while another
@@ -122,7 +123,7 @@ class Lease:
             raise LeaseHeld(f"{self.holder} has the lease")
         self.number += 1
         self.holder, self._key, self._seconds = who, key, min(max(seconds, SHORTEST_LEASE), LONGEST_LEASE)
-        self._signed = now
+        self.signed = now
         return others
 
     def check(self, key: str) -> None:
@@ -134,11 +135,11 @@ class Lease:
 
     def renew(self, then: float, now: float) -> None:
         """Note a heartbeat of the holder at a given time. A time in the future does not count."""
-        if self._signed < then <= now:
-            self._signed = then
+        if self.signed < then <= now:
+            self.signed = then
 
     def expired(self, now: float) -> bool:
-        return bool(self.holder) and now - self._signed > self._seconds
+        return bool(self.holder) and now - self.signed > self._seconds
 
     def end(self) -> None:
         self.holder = self._key = ""

@@ -92,9 +92,10 @@ class Commanded(Commanding):
             )
 
     def last_sign(self, path: str, lasts: float) -> float:
-        """Return the time of the last heartbeat for the hold of a command. Raises CommandRefused if this time is too
-        long ago, because in a long period the client may have died after it sent the command."""
-        signed = self.levels.signed(path, self.lease.number)
+        """Return the time of the last heartbeat for the hold of a command, or for the lease if that is later: the
+        former holder of the lease may have written over the heartbeat at the path. Raises CommandRefused if this time
+        is too long ago, because in a long period the client may have died after it sent the command."""
+        signed = max(self.levels.signed(path, self.lease.number), self.lease.signed)
         if not 0.0 <= self.clock() - signed <= lasts:
             raise CommandRefused(f"{path}: {DEAD_MAN_REASON}: no heartbeat from its client for {lasts:g} s")
         return signed

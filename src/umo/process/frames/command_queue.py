@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from umo.cycle.stage import Stage
 from umo.errors import CommandRefused, FramesError
 from umo.operation.commands.client_commands import ClientCommand
 from umo.process.frames import Reader
@@ -113,6 +114,8 @@ class Sender:
                     self._put(head, text)
                     return head + 1
             if time.monotonic() > until:
+                if self._reader.state is Stage.ENDED:
+                    raise FramesError(f"{self._reader.about['station']} has ended")
                 raise CommandRefused("the queue of commands is full: the machine does not take commands from it")
             time.sleep(SEND_PAUSE)
 

@@ -145,6 +145,11 @@ class FrameServer:
         """Stop answering in this process, because the other process answers."""
         self._socket.close()
 
+    @property
+    def is_closed(self) -> bool:
+        """True if the run cannot be found any more."""
+        return self._closed.is_set()
+
     def look(self) -> None:
         """Answer the waiting clients. Never blocks or raises."""
         with suppress(OSError):  # nobody waits, or no descriptor is free

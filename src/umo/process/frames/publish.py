@@ -12,6 +12,7 @@ from math import isfinite
 from pathlib import Path
 from types import MappingProxyType, WrapperDescriptorType
 from typing import Any
+from weakref import ref
 
 from umo.cycle.connect import connect
 from umo.cycle.events import END, CommandState, Event
@@ -135,7 +136,21 @@ def _own_memory(station: str, memory: ExitStack) -> tuple[RunDescriptors, FrameS
     memory.callback(readers.close)
     server = FrameServer(new_path(station), readers)
     memory.callback(server.close)
+    os.register_at_fork(after_in_child=partial(_leave, ref(server), ends.alive))
     return ends, server
+
+
+def _leave(reference: ref[FrameServer], alive: int) -> None:
+    """Release the pipe and the socket of a run in a process that the program has forked: that process does not write
+    the frames, and must not hide the end of the run from readers. The descriptor of the pipe stays open, because it is
+    closed with the memory."""
+    server = reference()
+    if server is None or server.is_closed:
+        return
+    nothing = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
+    os.dup2(nothing, alive, inheritable=False)
+    os.close(nothing)
+    server.leave()
 
 
 def _about(connection: connect[Any]) -> dict[str, Any]:

@@ -51,8 +51,8 @@ class TapeLevels:
         self._ends: dict[float, set[str]] = {}
         """The holds that ended because heartbeats were missing: for the time in s of each period, the paths of these
         holds; "" stands for the lease."""
-        self._refused: set[int] = set()
-        """The commands that were refused because their client sent no heartbeat."""
+        self._refused: dict[int, float] = {}
+        """The commands that were refused because their client sent no heartbeat, each with its time in s."""
         self._stops: dict[float, str] = {}
         """The users who have requested a stop, by the time in s."""
         self._looked = -1.0
@@ -67,7 +67,7 @@ class TapeLevels:
         elif not event.path and not event.command and event.text.endswith(NOT_RENEWED):
             self._ends.setdefault(event.time, set()).add("")
         elif DEAD_MAN_REASON in event.text and event.state is CommandState.REFUSED:
-            self._refused.add(event.command)
+            self._refused[event.command] = event.time
         elif event.text.startswith(DEAD_MAN_REASON):
             all_of_them = event.asked == LET_GO and not event.command
             self._ends.setdefault(event.time, set()).add(ALL if all_of_them else event.path)
@@ -82,17 +82,23 @@ class TapeLevels:
         return None if who is None else (signal.SIGTERM, who)
 
     def now(self) -> float:
-        """Return the clock of the heartbeats in s. It jumps before a period in which a lease or a hold ends."""
+        """Return the clock of the heartbeats in s. It jumps before a period in which a lease or a hold ends, and is
+        ahead while a command is refused."""
         time = self._time
         if time != self._looked:
             self._looked = time
             self._clock += LONG if time in self._ends else 0.0
-        return self._clock
+        return self._clock + (LONG if self._refuses else 0.0)
+
+    @property
+    def _refuses(self) -> bool:
+        """True if the command that was taken last is one that was refused in this period."""
+        return self._refused.get(self._inbox.taken) == self._time
 
     def signed(self, path: str, lease: int) -> float:
         now = self.now()
         ends = self._ends.get(self._time, ())
-        ended = path in ends or (ALL in ends and path != "") or self._inbox.taken in self._refused
+        ended = path in ends or (ALL in ends and path != "") or self._refuses
         return 0.0 if ended else now
 
 
