@@ -86,8 +86,8 @@ def become(gate: Gate, name: str, ends: RunDescriptors, recording: Path) -> int:
 
 
 class _Client:
-    """Takes the lease, drives an output in manual mode for a while, and gives all back. A further request to stop the
-    machine comes as a signal (`What.ASK`)."""
+    """Takes the lease, drives an output in manual mode for a while, and gives all back. On SIGTERM it asks the machine
+    to stop (`What.ASK`)."""
 
     def __init__(self, program: Program) -> None:
         self._program, self._name = program, program.name

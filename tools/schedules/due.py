@@ -26,6 +26,8 @@ class Due:
     def __init__(self, scheduler: Scheduler) -> None:
         self._scheduler = scheduler
         self._faults = {fault.what for fault in scheduler.came}
+        self._asked = {fault.who or "starter" for fault in scheduler.came if fault.what is What.ASK}
+        """Who was asked to stop the machine."""
         self._states = scheduler.at_last_fault | self._hung()
         self.rows, self.delays = [*self._cause()], [*self._delays()]
         self.from_ = self._begin()
@@ -91,7 +93,7 @@ class Due:
     def _going_on(self) -> str:
         if not self._scheduler.driven_at_last_fault:
             return "application ends"
-        if What.ASK in self._faults and self._best("starter") is State.ABLE:
+        if any(self._best(who) is State.ABLE for who in self._asked):
             return "asked to stop"
         return "starter killed" if self._best("starter") is State.KILLED else "application ends"
 

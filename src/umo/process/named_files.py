@@ -33,7 +33,8 @@ def _named_in(module: Path, folder: Path) -> set[Path]:
     except (OSError, SyntaxError, ValueError, RecursionError):
         return set()
     wanted = (path for node in ast.walk(tree) for path in _candidates(node, module.parent, folder))
-    return {path for path in map(Path.resolve, wanted) if path.is_relative_to(folder) and path.is_file()}
+    there = (each.resolve() for each in wanted if each.is_file())
+    return {path for path in there if path.is_relative_to(folder)}
 
 
 def _candidates(node: ast.AST, beside: Path, folder: Path) -> Iterator[Path]:
