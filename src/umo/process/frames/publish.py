@@ -7,12 +7,12 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from functools import partial
+from functools import cache, partial
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType, WrapperDescriptorType
 from typing import Any
-from weakref import ref
+from weakref import WeakKeyDictionary
 
 from umo.cycle.connect import connect
 from umo.cycle.events import END, CommandState, Event
@@ -136,21 +136,30 @@ def _own_memory(station: str, memory: ExitStack) -> tuple[RunDescriptors, FrameS
     memory.callback(readers.close)
     server = FrameServer(new_path(station), readers)
     memory.callback(server.close)
-    os.register_at_fork(after_in_child=partial(_leave, ref(server), ends.alive))
+    _pipes[server] = ends.alive
+    _watch_forks()
     return ends, server
 
 
-def _leave(reference: ref[FrameServer], alive: int) -> None:
-    """Release the pipe and the socket of a run in a process that the program has forked: that process does not write
-    the frames, and must not hide the end of the run from readers. The descriptor of the pipe stays open, because it is
-    closed with the memory."""
-    server = reference()
-    if server is None or server.is_closed:
-        return
-    nothing = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
-    os.dup2(nothing, alive, inheritable=False)
-    os.close(nothing)
-    server.leave()
+_pipes: WeakKeyDictionary[FrameServer, int] = WeakKeyDictionary()
+"""The writing end of the pipe of each run that this process has published."""
+
+
+@cache
+def _watch_forks() -> None:
+    os.register_at_fork(after_in_child=_leave)
+
+
+def _leave() -> None:
+    """Release the pipes and sockets of runs in a process that the program has forked. That process does not write the
+    frames, and must not hide the end of the run from readers. The descriptor of a pipe stays open, because it is closed
+    with the memory."""
+    for server, pipe in _pipes.items():
+        if not server.is_closed:
+            nothing = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
+            os.dup2(nothing, pipe, inheritable=False)
+            os.close(nothing)
+            server.leave()
 
 
 def _about(connection: connect[Any]) -> dict[str, Any]:
