@@ -12,6 +12,7 @@ from pathlib import Path
 from tools.schedules.clients import FACE_RATE, FACES, LEASE_SECONDS, NOT_DONE, RECORDER, RUN_IS_OVER, WRITTEN
 from tools.schedules.faults import What
 from tools.schedules.machine import PERIOD
+from tools.schedules.promises import is_manual
 from tools.schedules.scheduler import CLIENTS, COMMANDERS, LEVELLING, Scheduler
 from tools.schedules.shared import DEVICES, START
 from umo.cycle.stage import Stage
@@ -166,7 +167,7 @@ def _verb(text: str) -> str:
 def holds_end(end: ClientsEnd) -> Iterator[str]:
     """What a client has written goes to its default, or to what another one writes, when the client has lost its lease;
     and it loses that when it is dead or stopped, as nobody renews it."""
-    if end.hit & {"control", "guardian", "standby", *DEVICES}:  # the table of ends says when
+    if end.hit & {"control", "guardian", "standby", "worker", *DEVICES}:  # the table of ends says when
         return
     names = {level: name for name, level in WRITTEN.items()}
     for begin, until, level in _spans(end.scheduler):
@@ -197,13 +198,13 @@ def _spans(scheduler: Scheduler) -> Iterator[tuple[int, int, int]]:
 
 def clients_end_well(end: ClientsEnd) -> Iterator[str]:
     """No client ends by an exception. Where nothing happens but that clients are killed, all others do what they were
-    to do; and the run ends well, where a face is left that has the application go on."""
+    to do; and the run ends well, if none has left it in manual mode."""
     for name in CLIENTS:
         if (status := end.exits.get(name, 0)) not in MAY_EXIT_WITH:
             yield f"{name} has ended with status {status}"
         if end.has_only_kills and name not in end.hit and end.exits.get(name) != 0:
             yield f"nothing has happened to {name}, and it ended with {end.exits.get(name)}"
-    if end.has_only_kills and FACES not in end.hit and end.exits.get("control") != 0:
+    if end.has_only_kills and not is_manual(end.scheduler) and end.exits.get("control") != 0:
         yield f"nothing has happened but to clients, and the run ended with {end.exits.get('control')}"
 
 

@@ -165,14 +165,14 @@ def all_end(end: End) -> Iterator[str]:
     elif scheduler.why_over:
         yield scheduler.why_over
     able = scheduler.able_at_last_fault & {*RESETTING}
-    if scheduler.driven_when_asked and able and not _is_manual(scheduler):
+    if scheduler.driven_when_asked and able and not is_manual(scheduler):
         yield f"it was driven until it was asked to stop; left at the last fault: {', '.join(sorted(able))}"
     for process in scheduler.processes:
         if process.ended_by == "crash":
             yield f"{process.name} has crashed"
 
 
-def _is_manual(scheduler: Scheduler) -> bool:
+def is_manual(scheduler: Scheduler) -> bool:
     """Whether a client has left the machine in manual mode, in which nothing ends by itself."""
     modes = [match[1] for line in scheduler.lines if (match := MODE.search(line))]
     return modes[-1:] == ["manual"]
