@@ -188,6 +188,7 @@ CHANGED = {
     "cycle/stopping.py:_before": "the handlers of the process's signals, which stop every machine of it",
     "cycle/stopping.py:_flags": "the stop flags of all machines: a signal sets every one",
     "drivers/fmu/instance.py:_logs": "by the number of each instance of a model",
+    "process/frames/publish.py:_pipes": "the pipes of all runs of the process, which a forked process releases",
     "system/streams.py:_unlogged": "the number of lines of the process's log that nobody has read",
     "system/streams.py:late": "the standard streams of the process that have something left to write",
     "testing/conformance/rules.py:_RULES": "filled by a decorator while the kit is imported",
