@@ -78,6 +78,8 @@ class State(NamedTuple):
     """The one behind the worker."""
     missed: bool = False
     """Whether a reset has not reached it."""
+    calls: bool = False
+    """Whether the worker lived when the reset began: it may die in the middle of a call."""
     ordered: bool = False
     """Whether the worker has an order to drive it."""
     anew: bool = False
@@ -404,7 +406,8 @@ class Model:
         if at is Does.UNADMITTED:
             if s.admitted or not self.checks("control waits for admission"):
                 yield "", s._replace(at_control=Does.INITIALIZE)
-            elif (s.guardian is Is.GONE or s.guardian in UNABLE) and self.checks("control ends without admission"):
+            alone = s.guardian is Is.GONE or s.guardian in UNABLE
+            if alone and (s.admitted or self.checks("control ends without admission")):  # it may have looked before
                 yield "", s._replace(control=Is.GONE)
         elif at is Does.INITIALIZE:
             yield "", s._replace(at_control=Does.DRIVE)
@@ -491,10 +494,12 @@ class Model:
         if at is Does.BEGUN:
             yield "", s._replace(at_resetter=Does.HOLDS) if s.parent else s._replace(resetter=Is.GONE)
         elif at is Does.HOLDS:
-            yield "", s._replace(at_resetter=Does.SLOW_DOWN, missed=False)
+            yield "", s._replace(at_resetter=Does.SLOW_DOWN, missed=False, calls=s.worker in (Is.ABLE, Is.HELD))
         elif at in (Does.SLOW_DOWN, Does.SLOW_AGAIN):
             then = Does(at + 1)
             if s.tries % 2:  # a driver in whose call one was killed has a child of its own
+                yield "", s._replace(at_resetter=then, missed=True)
+            if s.calls and s.worker is Is.GONE:  # in the middle of a call
                 yield "", s._replace(at_resetter=then, missed=True)
             if s.worker in WITHOUT_LOCK and self.checks("a device whose worker is dead is opened"):
                 yield "down slow" if s.slow else "", s._replace(slow=False, at_resetter=then)
@@ -515,6 +520,8 @@ class Model:
             yield "down slow" if s.slow else "", s._replace(anew=False, slow=False)
         if s.ordered:
             yield "up slow", s._replace(slow=True, ordered=False)
+        if s.slow and s.at_control is Does.RESET_SLOW and s.control is not Is.ABLE:  # control has asked it for that
+            yield "down slow", s._replace(slow=False, ordered=False)
         alone = s.control in WITHOUT_LOCK or (s.control in UNABLE and s.at_control is Does.DRIVE)
         if s.ordered and alone:
             yield "", s._replace(ordered=False)
