@@ -164,6 +164,22 @@ def test_a_file_outside_of_the_folder_is_not_looked_for(tmp_path: Path) -> None:
     assert named_files([str(tmp_path / "station" / "laws.py")], tmp_path / "station") == []
 
 
+def test_a_name_in_a_folder_that_may_not_be_looked_at_is_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stat = os.stat
+
+    def refused(path: Any, *words: Any, **more: Any) -> os.stat_result:
+        if str(path).startswith("/secret/"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return stat(path, *words, **more)
+
+    (tmp_path / "laws.py").write_text('TABLES = "/secret/table.csv", "near.csv"\n')
+    (tmp_path / "near.csv").touch()
+    monkeypatch.setattr(os, "stat", refused)
+    assert named_files([str(tmp_path / "laws.py")], tmp_path) == [str(tmp_path / "near.csv")]
+
+
 def test_a_file_of_the_same_length_and_time_is_seen_to_differ_by_its_content(press: Path) -> None:
     file = press / "laws.py"
     times = file.stat().st_atime_ns, file.stat().st_mtime_ns

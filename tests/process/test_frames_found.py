@@ -20,7 +20,7 @@ from helpers.publishing import running, writer
 from helpers.waiting import until
 from umo import connect, published
 from umo.errors import FramesError
-from umo.process.frames import Reader, Stage, frame_server, rings
+from umo.process.frames import Reader, Stage, frame_server, publish, rings
 from umo.process.frames.frame_server import MAX_WAITING, FrameServer, folder, is_served, new_path, receive
 from umo.process.frames.memory import RunDescriptors
 from umo.system import processes
@@ -74,6 +74,22 @@ def test_a_process_that_the_program_forked_does_not_hide_the_end_of_the_run() ->
         os.waitpid(pid, 0)
         os.close(held)
         reader.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
+def test_a_process_that_a_forked_process_forked_keeps_its_files(tmp_path: Path) -> None:
+    with running(), (tmp_path / "own").open("wb") as own:
+        *_, pipe = publish._pipes.values()
+        pid = os.fork()
+        if pid == 0:
+            os.dup2(own.fileno(), pipe)  # the number of the pipe is that of another file now
+            if (child := os.fork()) == 0:
+                os.write(pipe, b"kept")
+                os._exit(0)
+            os.waitpid(child, 0)
+            os._exit(0)
+        os.waitpid(pid, 0)
+    assert (tmp_path / "own").read_bytes() == b"kept"
 
 
 @pytest.mark.full

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable, Iterator
+from os.path import isfile
 from pathlib import Path
 
 MAX_NAME = 200
@@ -33,7 +34,7 @@ def _named_in(module: Path, folder: Path) -> set[Path]:
     except (OSError, SyntaxError, ValueError, RecursionError):
         return set()
     wanted = (path for node in ast.walk(tree) for path in _candidates(node, module.parent, folder))
-    there = (each.resolve() for each in wanted if each.is_file())
+    there = (each.resolve() for each in wanted if isfile(each))  # `Path.is_file` raises without the permission to look
     return {path for path in there if path.is_relative_to(folder)}
 
 

@@ -153,8 +153,11 @@ def _watch_forks() -> None:
 def _leave() -> None:
     """Release the pipes and sockets of runs in a process that the program has forked. That process does not write the
     frames, and must not hide the end of the run from readers. The descriptor of a pipe stays open, because it is closed
-    with the memory."""
-    for server, pipe in _pipes.items():
+    with the memory. A process that this process forks does not release them again: the descriptor may belong to another
+    file."""
+    pipes = dict(_pipes)
+    _pipes.clear()
+    for server, pipe in pipes.items():
         if not server.is_closed:
             nothing = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
             os.dup2(nothing, pipe, inheritable=False)
