@@ -95,18 +95,9 @@ def main() -> int:
     with ExitStack() as stack:
         players = [stack.enter_context(Player()) for _ in range(given.jobs)]
         if given.hunt:
-            return run(
-                islice(
-                    chain(
-                        map(parsed, given.begin_with),
-                        hunt(gates_of(players[0], 0), gates_of(players[0], 0, clients=True)),
-                    ),
-                    given.hunt,
-                ),
-                players,
-                until_wrong=True,
-                shown=0,
-            )
+            hunted = hunt(gates_of(players[0], 0), gates_of(players[0], 0, clients=True))
+            schedules = islice(chain(map(parsed, given.begin_with), hunted), given.hunt)
+            return run(schedules, players, until_wrong=True, shown=0)
         return run(chosen(given, players[0]), players, given.until_wrong)
 
 

@@ -16,7 +16,6 @@ import socket
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from selectors import SelectorKey, SelectSelector
 from typing import Any
@@ -34,10 +33,10 @@ from umo.process.frames import Reader
 from umo.process.frames.memory import RunDescriptors
 from umo.process.frames.ring import Ring
 from umo.recording.record_settings import RecordSettings
-from umo.system import calls
+from umo.system import calls, notify
 from umo_command.run.record_work import RecordingWork, record_to_the_end
 
-KINDS = OPERATOR, SUPERVISOR, FACES, RECORDER = CLIENTS
+OPERATOR, SUPERVISOR, FACES, RECORDER = CLIENTS
 WRITTEN = {OPERATOR: 3, SUPERVISOR: 4}
 """The level that each writes; the application writes greater ones."""
 LEASE_SECONDS = 0.2
@@ -54,32 +53,12 @@ RUN_IS_OVER, NOT_DONE = 1, 3
 """Exit statuses."""
 
 
-@dataclass
-class Program:
-    """One of these programs, in its process."""
-
-    gate: Gate
-    name: str
-    reader: Reader
-
-    def run(self, recording: Path) -> int:
-        """Its exit status."""
-        if self.name == RECORDER:
-            return _record(self.reader, recording)
-        if self.name == FACES:
-            return _serve(self.reader, self.gate)
-        return _Client(self).run()
-
-    def tell(self, text: str) -> None:
-        """Stand at the gate with what it has learnt."""
-        self.gate.stand(f"told {text}")
-
-
 def become(gate: Gate, name: str, ends: RunDescriptors, recording: Path) -> int:
     """Be this program, in a process that was forked for it; its exit status."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_DFL)
-    return Program(gate, name, Reader("the run", ends)).run(recording)
+    reader = Reader("the run", ends)
+    if name == RECORDER:
+        return _record(reader, recording)
+    return _serve(reader, gate) if name == FACES else _Client(reader, gate, name).run()
 
 
 # Two that command -----------------------------------------------------------------------------------------
@@ -89,9 +68,9 @@ class _Client:
     """Takes the lease, drives an output in manual mode for a while, and gives all back. On SIGTERM it asks the machine
     to stop (`What.ASK`)."""
 
-    def __init__(self, program: Program) -> None:
-        self._program, self._name = program, program.name
-        self._session = ClientSession(program.reader)
+    def __init__(self, reader: Reader, gate: Gate, name: str) -> None:
+        self._gate, self._name = gate, name
+        self._session = ClientSession(reader)
         self._takes_over = self._name == SUPERVISOR
         signal.signal(signal.SIGTERM, self._stop)
 
@@ -106,7 +85,7 @@ class _Client:
             while not self._work():
                 calls.sleep(AGAIN)
         except FramesError as error:
-            self._program.tell(f"the run is over: {error}")
+            self._gate.stand(f"told the run is over: {error}")
             return RUN_IS_OVER
         return 0
 
@@ -134,9 +113,9 @@ class _Client:
             raise
         except UmoError as error:
             asked.forget()
-            self._program.tell(f"{verb.name} refused: {error}")
+            self._gate.stand(f"told {verb.name} refused: {error}")
             return False
-        self._program.tell(f"{verb.name} done")
+        self._gate.stand(f"told {verb.name} done")
         for _ in range(looks):
             self._pass()
         return True
@@ -289,7 +268,9 @@ class Manager:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind(f"\0{name}")
-        os.environ.update(NOTIFY_SOCKET=f"@{name}", WATCHDOG_USEC=str(WATCHDOG), WATCHDOG_PID=str(os.getpid()))
+        os.environ |= {
+            notify.SOCKET: f"@{name}", notify.WATCHDOG: str(WATCHDOG), notify.WATCHDOG_PID: str(os.getpid())
+        }  # fmt: skip
 
     def read(self) -> None:
         with suppress(BlockingIOError):

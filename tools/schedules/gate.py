@@ -171,7 +171,7 @@ class Gate:
         os.environ.update(environ)
         self._be_program(files, lambda: self.starts(files, environ), 1)
 
-    def start(self, kind: str, files: Sequence[int], program: Callable[[], int]) -> None:
+    def start_client(self, kind: str, files: Sequence[int], program: Callable[[], int]) -> None:
         """Fork a process that inherits these descriptors, and is this program. Its exit status is `CRASHED` where it
         ends by an exception."""
         self.next_kind = kind

@@ -28,6 +28,7 @@ import umo.system.processes as processes
 from tools.schedules import clients, machine
 from tools.schedules.faults import Schedule
 from tools.schedules.gate import Gate, stand_before
+from tools.schedules.scheduler import CLIENTS
 from tools.schedules.shared import Memory
 from umo.drivers.off_cycle import OffCycle
 from umo.process.frame_watcher import FrameWatcher
@@ -71,8 +72,7 @@ class World:
 
     def __init__(self, memory: Memory, prefix: str, recording: Path) -> None:
         self._memory, self._prefix, self._recording = memory, prefix, recording
-        self._jobs = {with_clients: job(with_clients) for with_clients in (False, True)}
-        self._plans = {with_clients: Plan(each) for with_clients, each in self._jobs.items()}
+        self._plans = {with_clients: Plan(job(with_clients)) for with_clients in (False, True)}
         self._facts = {with_clients: job_facts(plan) for with_clients, plan in self._plans.items()}
         drivers = [driver for plan in self._plans.values() for driver in plan.wired.drivers.values()]
         shared = [driver.exchange._memory for driver in drivers if isinstance(driver, OffCycle)]
@@ -104,7 +104,8 @@ class World:
         os.setsid()
         gc.disable()
         machine.gates.append(gate)
-        install(gate, self._plans[schedule.clients])
+        plan = self._plans[schedule.clients]
+        install(gate, plan)
         _change(control_process, "job_facts", lambda *_: self._facts[schedule.clients])
         machine.periods[0] = machine.LONG if schedule.long else machine.PERIODS
         manager = None
@@ -115,7 +116,7 @@ class World:
         elif not schedule.frames:
             _change(FrameWatcher, "make", lambda self: "")
         gate.begin()
-        Starter(self._jobs[schedule.clients], self._memory, gate, manager, self._recording).run()
+        Starter(plan.job, self._memory, gate, manager, self._recording).run()
         calls.exit_now(0)
 
 
@@ -148,8 +149,8 @@ class Starter:
     def _start_clients(self, reader: Reader) -> None:
         ends, gate = reader.ends, self._gate
         assert ends is not None
-        for name in clients.KINDS:
-            gate.start(name, ends, partial(clients.become, gate, name, ends, self._recording))
+        for name in CLIENTS:
+            gate.start_client(name, ends, partial(clients.become, gate, name, ends, self._recording))
 
 
 # What is different in a world -----------------------------------------------------------------------------
